@@ -1,6 +1,6 @@
 """From OpenGL's buffers to CUDA's tensors, with a stand-in for CUDA: this has no GPU to run on."""
 
-# ruff: noqa: N802, N815 - names of the CUDA runtime
+# ruff: noqa: N802 - names of the CUDA runtime
 
 import ctypes
 import sys
@@ -19,7 +19,7 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.readers import PixelBuffers
 
 torch = heavy("torch")
-pytestmark = pytest.mark.heavy
+pytestmark = [pytest.mark.heavy, pytest.mark.one_backend]
 
 from semisynth_gl.torch import StereoStream, stream  # noqa: E402
 from semisynth_gl.torch.cuda_reader import CudaReader  # noqa: E402
@@ -35,76 +35,69 @@ class FakeRuntime(ModuleType):
     Results are as the bindings give them: a tuple of the error and what there is beside it.
     """
 
-    cudaError_t = SimpleNamespace(cudaSuccess=0)
-    cudaGraphicsRegisterFlags = SimpleNamespace(cudaGraphicsRegisterFlagsReadOnly=1)
-    cudaMemcpyKind = SimpleNamespace(cudaMemcpyDeviceToDevice=3)
-    cudaGLDeviceList = SimpleNamespace(cudaGLDeviceListAll=1)
-
     def __init__(self):
         super().__init__("runtime")
-        self.calls, self.registered, self.mapped = [], set(), {}
-        self.buffers = {}
-        self.refused = None
-        self.devices = [0]
+        self.calls, self.registered, self.mapped, self.buffers = [], set(), {}, {}
+        self.refused, self.devices = None, [0]
+        self.cudaError_t = SimpleNamespace(cudaSuccess=0)
+        self.cudaGraphicsRegisterFlags = SimpleNamespace(cudaGraphicsRegisterFlagsReadOnly=1)
+        self.cudaMemcpyKind = SimpleNamespace(cudaMemcpyDeviceToDevice=3)
+        self.cudaGLDeviceList = SimpleNamespace(cudaGLDeviceListAll=1)
+        self.cudaGetErrorString = lambda error: (0, f"refused for {error}".encode())
 
-    def _note(self, name, *results):
-        self.calls.append(name)
-        return (719, *[None] * len(results)) if name == self.refused else (0, *results)
+    def __getattr__(self, name):
+        def call(*values):
+            self.calls.append(name)
+            return (719,) if name == self.refused else (0, *getattr(self, f"_{name}")(*values))
 
-    def cudaGetErrorString(self, error):
-        return 0, f"refused for {error}".encode()
+        return call
 
-    def cudaSetDevice(self, device):
+    def _cudaSetDevice(self, device):
         assert device == 0
-        return self._note("set device")
+        return ()
 
-    def cudaGLGetDevices(self, most, which):
-        assert (most > 0, which) == (True, 1)
-        return self._note("devices", len(self.devices), self.devices + [0] * (most - len(self.devices)))
+    def _cudaGLGetDevices(self, most, which):
+        assert which == 1
+        return len(self.devices), self.devices + [0] * (most - len(self.devices))
 
-    def cudaGraphicsGLRegisterBuffer(self, buffer, flags):
+    def _cudaGraphicsGLRegisterBuffer(self, buffer, flags):
         assert flags == 1
         self.registered.add(buffer)
-        return self._note("register", buffer)
+        return (buffer,)
 
-    def cudaGraphicsMapResources(self, count, resource, stream):
-        assert (count, stream) == (1, 77)
-        assert resource in self.registered
-        assert resource not in self.mapped
-        done = self._note("map")
-        if done == (0,):
-            buffer = self.buffers[resource]
-            self.mapped[resource] = ctypes.create_string_buffer(buffer.read(), buffer.size)
-        return done
+    def _cudaGraphicsMapResources(self, count, resource, stream):
+        assert (count, stream, resource in self.registered, resource in self.mapped) == (1, 77, True, False)
+        buffer = self.buffers[resource]
+        self.mapped[resource] = ctypes.create_string_buffer(buffer.read(), buffer.size)
+        return ()
 
-    def cudaGraphicsResourceGetMappedPointer(self, resource):
-        return self._note("pointer", ctypes.addressof(self.mapped[resource]), len(self.mapped[resource]))
+    def _cudaGraphicsResourceGetMappedPointer(self, resource):
+        return ctypes.addressof(self.mapped[resource]), len(self.mapped[resource])
 
-    def cudaMemcpyAsync(self, target, source, size, kind, stream):
+    def _cudaMemcpyAsync(self, target, source, size, kind, stream):
         assert (kind, stream) == (3, 77)
-        assert any(source == ctypes.addressof(each) and size == len(each) for each in self.mapped.values())
+        assert (source, size) in [(ctypes.addressof(each), len(each)) for each in self.mapped.values()]
         ctypes.memmove(target, source, size)
-        return self._note("copy")
+        return ()
 
-    def cudaGraphicsUnmapResources(self, count, resource, stream):
+    def _cudaGraphicsUnmapResources(self, count, resource, stream):
         assert (count, stream) == (1, 77)
         del self.mapped[resource]
-        return self._note("unmap")
+        return ()
 
-    def cudaGraphicsUnregisterResource(self, resource):
+    def _cudaGraphicsUnregisterResource(self, resource):
         assert resource not in self.mapped
         self.registered.remove(resource)
-        return self._note("unregister")
+        return ()
 
 
 @pytest.fixture
 def runtime(monkeypatch):
-    fake = FakeRuntime()
+    fake, fill = FakeRuntime(), PixelBuffers.fill
     for name in ("cuda", "cuda.bindings"):
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
     monkeypatch.setitem(sys.modules, "cuda.bindings.runtime", fake)
     monkeypatch.setattr(torch.cuda, "current_stream", lambda _: SimpleNamespace(cuda_stream=77))
-    fill = PixelBuffers.fill
 
     def noted(*given):
         buffer = fill(*given)
@@ -121,46 +114,35 @@ def reader(runtime):
     return CudaReader(DEVICE)
 
 
-@pytest.mark.one_backend
 def test_what_is_drawn_reaches_cuda_as_it_is_read_back(backend, runtime, reader):
     config = cheap(antialias="ssaa2", outputs=list(DRAWN_OUTPUTS))
     with PairRenderer(config, SEED, backend) as usual, PairRenderer(config, SEED, backend, read=reader) as renderer:
         for index, crop in enumerate((None, Crop(5, 3, 31, 17), None)):
-            taken = renderer.render(index, crop=crop, checked=False).frame
-            expected = usual.render(index, crop=crop, checked=False).frame
-            tensors = taken.arrays()
-            assert set(tensors) == set(expected.arrays()) > {"left", "normals_right", "flow_left"}
-            for role, array in expected.arrays().items():
+            tensors = renderer.render(index, crop=crop, checked=False).frame.arrays()
+            expected = usual.render(index, crop=crop, checked=False).frame.arrays()
+            assert set(tensors) == set(expected) > {"left", "normals_right", "flow_left"}
+            for role, array in expected.items():
                 assert isinstance(tensors[role], torch.Tensor), role
                 np.testing.assert_array_equal(tensors[role].numpy(), array, err_msg=role)
         # A buffer for each size, registered once: 1, 2, 3, 4, 8 and 12 bytes a pixel, for each of the two image sizes.
-        assert runtime.calls.count("register") == 12
+        assert len(runtime.registered) == 12
         objects = count_objects(renderer.renderer)["Buffer"]
         reader.close()
         assert count_objects(renderer.renderer)["Buffer"] == objects - 12
         assert not runtime.registered
         reader.close()
-    assert runtime.calls[:7] == ["set device", "devices", "register", "map", "pointer", "copy", "unmap"]
-    assert runtime.calls.count("map") == runtime.calls.count("unmap") == runtime.calls.count("copy")
-    assert runtime.calls[-12:] == ["unregister"] * 12
+    assert not runtime.mapped
+    assert runtime.calls.count("cudaGraphicsGLRegisterBuffer") == 12
+    assert runtime.calls[-12:] == ["cudaGraphicsUnregisterResource"] * 12
 
 
-@pytest.mark.one_backend
-@pytest.mark.parametrize(
-    ("refused", "function"),
-    [
-        ("register", "cudaGraphicsGLRegisterBuffer"),
-        ("map", "cudaGraphicsMapResources"),
-        ("copy", "cudaMemcpyAsync"),
-    ],
-)
-def test_what_cuda_refuses_is_told_and_unmapped(backend, runtime, reader, refused, function):
-    runtime.refused = refused
+@pytest.mark.parametrize("refused", ["cudaGraphicsGLRegisterBuffer", "cudaGraphicsMapResources", "cudaMemcpyAsync"])
+def test_what_cuda_refuses_is_told_and_unmapped(backend, runtime, reader, refused):
     with PairRenderer(cheap(), SEED, backend, read=reader) as renderer:
-        with pytest.raises(BackendError, match=rf"CUDA refused {function}: refused for 719"):
+        runtime.refused = refused
+        with pytest.raises(BackendError, match=f"CUDA refused {refused}: refused for 719"):
             renderer.render(0, checked=False)
         assert not runtime.mapped
-        assert ("unmap" in runtime.calls) == (refused == "copy")
         # The next one is drawn as ever.
         runtime.refused = None
         assert isinstance(renderer.render(0, checked=False).frame.left.image, torch.Tensor)
@@ -168,15 +150,10 @@ def test_what_cuda_refuses_is_told_and_unmapped(backend, runtime, reader, refuse
         assert not runtime.registered
 
 
-@pytest.mark.one_backend
 def test_a_renderer_on_another_gpu_is_refused(backend, runtime, reader):
     runtime.devices = [1, 2]
-    with (
-        PairRenderer(cheap(), SEED, backend, read=reader) as renderer,
-        pytest.raises(
-            BackendError, match=r"draws on CUDA's device 1, 2, but the tensors belong on cpu:0: give gpus=\(0,\)"
-        ),
-    ):
+    words = r"draws on CUDA's device 1, 2, but the tensors belong on cpu:0: give gpus=\(0,\)"
+    with PairRenderer(cheap(), SEED, backend, read=reader) as renderer, pytest.raises(BackendError, match=words):
         renderer.render(0, checked=False)
 
 
@@ -203,8 +180,7 @@ def test_a_stream_on_a_gpu_yields_the_same(gpu):
         assert on_gpu["instances_left"].dtype == torch.int32
         for name, tensor in sample.items():
             assert name in ("index", "camera") or torch.equal(on_gpu[name], tensor), name
-    assert gpu.calls.count("map") == 3 * 10
-    assert gpu.registered
+    assert gpu.calls.count("cudaMemcpyAsync") == 3 * 10
     there.close()
     assert not gpu.registered
 

@@ -27,14 +27,6 @@ TIMEOUT_S = 120
 SEED = 3
 
 
-def indices(batches):
-    return [batch["index"].tolist() for batch in batches]
-
-
-def loader(dataset, workers=1, batch=1, way="spawn", **options):
-    return DataLoader(dataset, batch, num_workers=workers, multiprocessing_context=way, timeout=TIMEOUT_S, **options)
-
-
 def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
     camera = StereoCamera.centred(5, 4, 6.0, 0.25, 1.0)
     rng = np.random.default_rng(0)
@@ -56,17 +48,10 @@ def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
     assert int(sample["instances_left"].max()) == 65535
 
 
-def assert_same(sample, stored):
-    compared, arrays = 0, stored.arrays()
-    for name, tensor in sample.items():
-        if name in ("index", "camera"):
-            continue
-        array = tensor.numpy()
-        if array.ndim == 3:
-            array = array[0] if len(array) == 1 else array.transpose(1, 2, 0)
-        np.testing.assert_array_equal(array, arrays[name], err_msg=name)
-        compared += 1
-    return compared
+def assert_same(sample, frame):
+    expected = to_sample(sample["index"], frame)
+    assert list(sample) == list(expected)
+    assert all(torch.equal(sample[role], expected[role]) for role in frame.arrays())
 
 
 def place_of(sample, cx_left_px, cy_px):
@@ -87,7 +72,7 @@ def test_samples_come_in_any_order_and_frames_of_a_sequence_share_their_crop(bac
             whole = renderer.render(index % 12).frame
             place = place_of(sample, whole.camera.cx_left_px, whole.camera.cy_px)
             assert crops.setdefault(index % 12 // 3, place) == place
-            assert assert_same(sample, whole.cropped(place).with_own_masks()) == 10
+            assert_same(sample, whole.cropped(place).with_own_masks())
     assert len(set(crops.values())) == 3
     stream.set_epoch(1)
     other = place_of(stream[9], whole.camera.cx_left_px, whole.camera.cy_px)
@@ -152,20 +137,18 @@ def test_workers_forked_from_a_process_with_opengl_are_told_apart(backend):
     stream = StereoStream(cheap(), SEED, 2, backend=backend)
     stream[0]
     with pytest.raises(BackendError, match=r"this process was forked.*'spawn'"):
-        next(iter(loader(stream, 1, way="fork")))
-
-
-def scores(batch):
-    return [int(value) for value in batch["left"].sum(dim=(1, 2, 3)) + batch["disparity_left"].isfinite().sum()]
+        next(iter(DataLoader(stream, num_workers=1, multiprocessing_context="fork", timeout=TIMEOUT_S)))
 
 
 @pytest.mark.one_backend
 def test_workers_that_stay_render_what_one_process_renders(backend):
     stream = StereoStream(cheap(), SEED, 7, crop=(20, 30), backend=backend)
-    batches = loader(stream, 2, 2, persistent_workers=True)
+    ways = {"num_workers": 2, "multiprocessing_context": "spawn", "persistent_workers": True, "timeout": TIMEOUT_S}
+    loader = DataLoader(stream, 2, **ways)
     for epoch in range(2):
         stream.set_epoch(epoch)
-        expected = [scores(batch) for batch in DataLoader(stream, 2)]
-        found = list(batches)
-        assert indices(found) == [[0, 1], [2, 3], [4, 5], [6]]
-        assert [scores(batch) for batch in found] == expected
+        batches = list(zip(loader, DataLoader(stream, 2), strict=True))
+        assert [found["index"].tolist() for found, _ in batches] == [[0, 1], [2, 3], [4, 5], [6]]
+        assert all(
+            torch.equal(found[name], batch[name]) for found, batch in batches for name in ("left", "disparity_left")
+        )

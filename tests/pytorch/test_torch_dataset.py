@@ -10,7 +10,6 @@ from tiny_datasets import cheap
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.channels import CHANNELS, OUTPUTS, ROLES
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts import find_layout
@@ -116,8 +115,7 @@ def test_pairs_of_one_scene_share_their_crop_and_no_tensor(backend, tmp_path):
 
 def place_of(sample, whole):
     """Where a crop was cut, by its camera."""
-    x, y = (whole["camera"][name] - sample["camera"][name] for name in ("cx_left_px", "cy_px"))
-    return Crop(round(x), round(y), CROP[1], CROP[0])
+    return tuple(round(whole["camera"][name] - sample["camera"][name]) for name in ("cx_left_px", "cy_px"))
 
 
 def test_crops_are_parts_that_the_seed_and_the_epoch_choose(hand_made):
@@ -141,8 +139,7 @@ def test_crops_are_parts_that_the_seed_and_the_epoch_choose(hand_made):
 
 
 def by_worker(sample):
-    sample["worker"] = get_worker_info().id
-    return sample
+    return sample | {"worker": get_worker_info().id}
 
 
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
@@ -150,8 +147,7 @@ def test_forked_workers_read_what_this_process_reads(backend, hand_made):
     # Forked from a process that has drawn: a dataset needs no OpenGL.
     assert len(StereoStream(cheap(), SEED, 1, backend=backend)[0]["left"]) == 3
     dataset = StereoDataset(hand_made, None, crop=CROP, transform=by_worker)
-    loader = DataLoader(dataset, None, num_workers=2, multiprocessing_context="fork", timeout=TIMEOUT_S)
-    found = list(loader)
+    found = list(DataLoader(dataset, None, num_workers=2, multiprocessing_context="fork", timeout=TIMEOUT_S))
     assert [sample.pop("worker") for sample in found] == [0, 1] * 5
     assert [same(*both) for both in zip(found, StereoDataset(hand_made, None, crop=CROP), strict=True)] == [True] * 10
 
