@@ -124,7 +124,11 @@ def test_colours_do_what_their_names_say():
     np.testing.assert_allclose(coloured(brightness=1.2), IMAGE * 1.2, atol=1)
     np.testing.assert_allclose(coloured(contrast=0.5), IMAGE * 0.5 + luminance.mean() / 2, atol=1)
     np.testing.assert_allclose(coloured(saturation=0), np.repeat(luminance[..., None], 3, 2), atol=1.5)
-    np.testing.assert_allclose(coloured(white_balance=(1.1, 0.9, 1.0)), IMAGE * [1.1, 0.9, 1.0], atol=1)
+    balance = np.array([1.1, 0.9, 1.0])
+    np.testing.assert_allclose(coloured(white_balance=balance), IMAGE * balance, atol=1)
+    # It comes after the saturation.
+    grey = coloured(saturation=0, white_balance=balance)
+    np.testing.assert_allclose(grey, luminance[..., None] * balance, atol=1.5)
     turned = coloured(hue_turns=0.2)
     assert np.abs(turned - IMAGE).mean() > 10
     soft = (IMAGE // 4 + 90).astype(np.uint8)  # nothing is clipped

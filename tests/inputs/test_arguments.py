@@ -58,7 +58,7 @@ WRONG = {
     "focal_px": [lambda value: StereoCamera(64, 48, value, 0.1, 0, 0, 0), ("40", None, np.inf, np.nan, 1e7, 1e-12)],
     "baseline_m": [lambda value: StereoCamera(64, 48, 40.0, value, 0, 0, 0), (None, 10**30, -0.1, 1e-12)],
     "cx_left_px": [lambda value: StereoCamera(64, 48, 40.0, 0.1, value, 0, 0), (np.nan, -1e7)],
-    "width_px": [lambda value: StereoCamera(value, 48, 40.0, 0.1, 0, 0, 0), (0, 2.0)],
+    "width_px": [lambda value: StereoCamera(value, 48, 40.0, 0.1, 0, 0, 0), (0, 2.0, 2**31)],
     "world_from_model": [lambda value: scene(world_from_model=value), ("eye", [[1, 0], [1]], np.full((1, 4, 4), "1"))],
     "scene: world_from_model": [
         lambda value: scene(world_from_model=np.full((1, 4, 4), value)),
