@@ -91,10 +91,8 @@ def test_masks_are_those_of_the_changed_pair_and_truth_does_not_depend_on_colour
     grey = replace(plain, brightness=(1, 1), saturation=(0, 0), noise=(0, 0), blur_px=(0, 0))
     for sequence in range(5):
         changed, other = (
-            each.sample((20, 30), (32, 48), 0, sequence).applied(
-                _source(each, pair, sequence), np.random.default_rng(0)
-            )
-            for each in (plain, grey)
+            changes.applied(pair.cropped(Crop(0, 0, *changes.source[::-1])), np.random.default_rng(0))
+            for changes in (each.sample((20, 30), (32, 48), 0, sequence) for each in (plain, grey))
         )
         assert (changed.left.image != other.left.image).any()
         masked = changed.with_own_masks().arrays()
@@ -102,11 +100,6 @@ def test_masks_are_those_of_the_changed_pair_and_truth_does_not_depend_on_colour
             np.testing.assert_array_equal(array, masked[role], err_msg=role)
             if role not in EYES:
                 np.testing.assert_array_equal(array, other.arrays()[role], err_msg=role)
-
-
-def _source(augmentation, pair, sequence):
-    height, width = augmentation.sample((20, 30), (32, 48), 0, sequence).source
-    return pair.cropped(Crop(0, 0, width, height))
 
 
 # --- colours ---
