@@ -177,7 +177,8 @@ class Changes:
         frame = occluded(frame, self.rectangles)
         images = {eye: frame.view(eye).image for eye in EYES}
         # One mean for both eyes, so that changes that are alike leave them alike.
-        mean = mean_luminance(list(images.values()))
+        contrasts = any(each["contrast"] != 1 for each in self.colours.values())
+        mean = mean_luminance(list(images.values())) if contrasts else 0.0
         left, right = (
             frame.view(eye).with_channels({"image": recoloured(images[eye], mean, rng, **self.colours[eye])})
             for eye in EYES
