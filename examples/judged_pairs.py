@@ -15,8 +15,8 @@ from torch.utils.data import Dataset
 
 from semisynth_gl.dataset.reader import INDEX, open_dataset
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.judge.protocol import ProtocolName
-from semisynth_gl.judge.truth import Truth, find_truth
+from semisynth_gl.judge.protocol import ProtocolName, Truth
+from semisynth_gl.judge.truth import find_truth
 
 COLUMNS = ("avgerr", "rms", "bad-1", "bad-2", "bad-4", "D1-all")
 _LARGEST_ERROR_PX = 4.0

@@ -32,9 +32,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.utils.data import ConcatDataset, DataLoader, WeightedRandomSampler
 
+from semisynth_gl import score
 from semisynth_gl.config import load_config
 from semisynth_gl.inputs.errors import InputError, SemisynthError
-from semisynth_gl.judge import score
 from semisynth_gl.torch import PRESETS, Augmentation, Sample, StereoDataset, StereoStream
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "show_default": True, "max_content_width": 100}
@@ -127,7 +127,7 @@ class StereoModule(lightning.LightningModule):
     def validation_step(self, pair: dict[str, Any], number: int, dataloader_idx: int = 0) -> None:
         """Log the figures of a real pair, and a picture of the first one."""
         found = self.predict_disparity(pair["left"], pair["right"]).cpu().numpy()
-        figures = score(found, pair["truth"].disparity, pair["protocol"], limits=pair["truth"].limits).figures()
+        figures = score(found, pair["truth"], pair["protocol"]).figures()
         for name in COLUMNS:
             self.log(f"{pair['set']}: {name}", figures[name], batch_size=1, sync_dist=True, add_dataloader_idx=False)
         if number == dataloader_idx == 0 and isinstance(self.logger, TensorBoardLogger):

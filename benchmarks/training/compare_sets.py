@@ -19,10 +19,10 @@ import click
 import numpy as np
 from training_sets import SETS, config_of
 
+from semisynth_gl import score
 from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.dataset.engines import LocalEngine
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.judge import score
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 sys.path.append(str(EXAMPLES))

@@ -10,15 +10,15 @@ import click
 from semisynth_gl.cli.options import Command, option
 from semisynth_gl.cli.outputs import OutputFile, table, write_json
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.inputs.errors import abbreviate, counted
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.judge.evaluate import evaluate as evaluate_predictions
 from semisynth_gl.judge.evaluate import evaluate_views
 from semisynth_gl.judge.protocol import PROTOCOL_NAMES
 from semisynth_gl.seeds.splits import SPLITS
 
 _PATH = click.Path(path_type=Path)
-# Most pairs with a row in a table, and the figure that they are sorted by.
-_WORST, _BY = 10, "bad-2"
+# Most pairs with a row in a table.
+_WORST = 10
 
 
 @click.command(cls=Command)
@@ -41,7 +41,6 @@ _WORST, _BY = 10, "bad-2"
     help="Benchmark whose definitions to use; by default, the benchmark in whose format --gt is.",
 )
 @option("--split", type=click.Choice(SPLITS), help="Evaluate only this split of --gt.")
-@option("--partial", is_flag=True, help="Evaluate the predictions that exist, even if others are missing.")
 @option("--json", "json_file", type=OutputFile(), help="Also write the figures of every pair to this JSON file.")
 @option("--maps", type=_PATH, help="Also write an error map of each pair into this folder.")
 def evaluate(
@@ -59,37 +58,29 @@ def evaluate(
     """
     if predictions_right is not None and not (truth or any(options.values())):
         report = evaluate_views(predictions, predictions_right)
+        head = "without truth: % of pixels that the right view does not confirm"
+        lines = ["", *_table([(each["name"], each) for each in report["images"]], report["mean"], "unconfirmed")]
     elif truth is not None and predictions_right is None:
         with Progress() as progress:
             report = evaluate_predictions(predictions, truth, **options, progress=progress.track)
+        head, lines = f"by the definitions of {report['source']}", []
+        for region, mean in report["mean"].items():
+            figures = [
+                (each["name"], each["figures"][region]) for each in report["images"] if region in each["figures"]
+            ]
+            lines += ["", f"{region} pixels; shares in {report['unit']}, errors in px", *_table(figures, mean, "bad-2")]
     else:
         raise click.UsageError("expected --gt, the truth, or --pred-right, which goes only with --json")
     write_json(json_file, report)
-    for line in _confirmation_lines(report) if truth is None else _table_lines(report):
-        click.echo(line)
-    if missing := report.get("missing"):
-        click.echo(f"No prediction for {counted(len(missing), 'pair')}: {abbreviate(missing)}", err=True)
+    click.echo("\n".join([f"{counted(report['pairs'], 'pair')} {head}", *lines]))
 
 
-def _table_lines(report: Mapping[str, Any]) -> list[str]:
-    """Return a table for each region: the pairs with most bad pixels, the worst first, and all pairs together."""
-    lines = [f"{counted(report['pairs'], 'pair')} by the definitions of {report['source']}"]
-    for region, mean in report["mean"].items():
-        pairs = [(image["name"], image["figures"][region]) for image in report["images"] if region in image["figures"]]
-        pairs.sort(key=lambda pair: -math.inf if pair[1][_BY] is None else -pair[1][_BY])
-        which = f"; the {_WORST} worst by {_BY}, --json has all" if len(pairs) > _WORST else ""
-        lines += ["", f"{region} pixels; shares in {report['unit']}, errors in px{which}"]
-        names = [name for name in mean if name != "epe"]
-        rows = [["", *names]]
-        for pair, figures in (*pairs[:_WORST], ("all pairs", mean)):
-            values = [figures.get(name) for name in names]
-            rows.append([pair, *("-" if value is None else f"{value:.4g}" for value in values)])
-        lines += table(rows)
-    return lines
-
-
-def _confirmation_lines(report: Mapping[str, Any]) -> list[str]:
-    images = sorted(report["images"], key=lambda image: -image["unconfirmed"])[:_WORST]
-    rows = [(image["name"], image["unconfirmed"]) for image in images] + [("mean", report["mean"]["unconfirmed"])]
-    head = f"{counted(report['pairs'], 'pair')} without truth: % of pixels that the right view does not confirm"
-    return [head, "", *table([[name, f"{share:.2f}"] for name, share in rows])]
+def _table(pairs: list[tuple[str, Mapping[str, Any]]], mean: Mapping[str, Any], by: str) -> list[str]:
+    """Return a row for each of the pairs that are worst by one of the mean's figures, and one for the mean."""
+    pairs.sort(key=lambda pair: -math.inf if pair[1][by] is None else -pair[1][by])
+    rows = [["", *mean]]
+    for name, figures in (*pairs[:_WORST], ("all pairs", mean)):
+        values = (figures.get(figure) for figure in mean)
+        rows.append([name, *("-" if value is None else f"{value:.4g}" for value in values)])
+    more = f"the {_WORST} worst of {len(pairs)} by {by}; --json has all"
+    return [*table(rows), *[more] * (len(pairs) > _WORST)]

@@ -1,11 +1,10 @@
 """Judges of datasets and predictions: `verify`, `report` and `evaluate`."""
 
 from semisynth_gl.judge.comparison import MeasuredPair, Row
-from semisynth_gl.judge.evaluate import evaluate, evaluate_views, unconfirmed
+from semisynth_gl.judge.evaluate import evaluate_views, unconfirmed
 from semisynth_gl.judge.measures import MEASURES, Measure
 from semisynth_gl.judge.place import MeasuredPlace
-from semisynth_gl.judge.protocol import PROTOCOLS, Protocol, ProtocolName
-from semisynth_gl.judge.score import Score, score
+from semisynth_gl.judge.protocol import PROTOCOLS, Protocol, ProtocolName, Truth
 
 __all__ = [
     "MEASURES",
@@ -16,9 +15,7 @@ __all__ = [
     "Protocol",
     "ProtocolName",
     "Row",
-    "Score",
-    "evaluate",
+    "Truth",
     "evaluate_views",
-    "score",
     "unconfirmed",
 ]

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike, fspath
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,6 @@ from semisynth_gl.seeds.splits import SplitName
 CONFIRMED_PX = 1.0
 """Largest difference at which the two disparities of a point confirm each other, px: the bound of bad-1."""
 
-_Found = tuple[TruePair, Path]
-
 
 def evaluate(
     predictions: str | PathLike[str],
@@ -30,9 +27,8 @@ def evaluate(
     protocol: ProtocolName | None = None,
     *,
     split: SplitName | None = None,
-    partial: bool = False,
     maps: str | PathLike[str] | None = None,
-    progress: Callable[[Sequence[_Found]], Iterable[_Found]] = iter,
+    progress: Callable[[Sequence[TruePair]], Iterable[TruePair]] = iter,
 ) -> dict[str, Any]:
     """Evaluate a folder of predictions, as ``semisynth-gl evaluate`` does.
 
@@ -42,40 +38,31 @@ def evaluate(
         truth: a dataset of this program or a folder of Middlebury, ETH3D or KITTI; see `find_truth`.
         protocol: name of one of `PROTOCOLS`; by default of the benchmark whose layout the truth has.
         split: a split of a dataset of this program; None for all pairs.
-        partial: whether predictions for some pairs may be missing.
         maps: a folder for an error map of each pair; None for no maps.
         progress: wraps the sequence of pairs, to show progress; tqdm is one.
 
     Returns:
-        The content of ``--json``, in JSON's types: ``protocol``, ``source``, ``unit``, the number of ``pairs``, the
-        names of ``missing`` pairs, ``mean`` (figures by name, for the regions ``all`` and ``non-occluded``) and
-        ``images`` (for each pair its ``name``, ``prediction``, counts of ``pixels`` by region, and ``figures`` as in
-        ``mean``). `Score.figures` explains the figures; figures that are not finite are None.
+        The content of ``--json``, in JSON's types: ``protocol``, ``source``, ``unit``, the number of ``pairs``,
+        ``mean`` (figures by name, for the regions ``all`` and ``non-occluded``) and ``images`` (for each pair its
+        ``name``, ``prediction``, counts of ``pixels`` by region, and ``figures`` as in ``mean``). `Score.figures`
+        explains the figures; figures that are not finite are None.
 
     Raises:
         InputError: where a folder or a protocol does not exist, names or sizes do not fit, or predictions are missing.
         ReadError: where a file cannot be read.
     """
-    address, folder = fspath(truth), expanded(fspath(predictions))
-    address = address if "://" in address else str(expanded(address))
-    true_set = find_truth(address, split)
+    folder, true_set = expanded(fspath(predictions)), find_truth(fspath(truth), split)
     rules = find_protocol(true_set.protocol if protocol is None else protocol)
-    found, missing = find_predictions(folder, true_set.pairs, partial=partial)
-    if maps is not None and expanded(fspath(maps)).resolve() in (folder.resolve(), Path(address).resolve()):
+    files = find_predictions(folder, true_set.pairs)
+    if maps is not None and expanded(fspath(maps)).resolve() in (folder.resolve(), expanded(fspath(truth)).resolve()):
         raise InputError(f"{maps}: has predictions or truth; name another folder", argument="maps")
     scores: dict[str, dict[str, Score]] = {}
     images: list[dict[str, Any]] = []
-    for pair, path in progress(found):
+    for pair, path in zip(progress(true_set.pairs), files, strict=True):
         known = pair.read()
-        prediction = read_disparity_map(path, true_set.png_scale, signed=known.limits.signed)
+        prediction = read_disparity_map(path, true_set.png_scale, signed=known.signed)
         try:
-            comparison = rules.compare(prediction, known.disparity, known.limits)
-            masks = {"all": None, "non-occluded": known.visible}
-            of_pair = {
-                region: tally(comparison, rules, mask, known.objects)
-                for region, mask in masks.items()
-                if region == "all" or mask is not None
-            }
+            comparison = rules.compare(prediction, known)
         except InputError as error:
             raise InputError(f"{path}: {error} ({pair.source})") from None
         if not (np.isfinite(prediction).any() and comparison.estimated.any()):
@@ -83,21 +70,22 @@ def evaluate(
         if not comparison.judged.any():
             raise InputError(f"{pair.source}: the truth of {pair.name} has no disparity")
         image: dict[str, Any] = {"name": pair.name, "prediction": str(path), "pixels": {}, "figures": {}}
-        for region, score in of_pair.items():
-            scores.setdefault(region, {})[pair.name] = score
-            image["pixels"][region] = {name: score.sums[name] for name in ("judged", "estimated", "scored")}
-            image["figures"][region] = _finite(score.figures())
+        for region, mask in {"all": None, "non-occluded": known.visible}.items():
+            if region == "all" or mask is not None:
+                score = tally(comparison, rules, mask)
+                scores.setdefault(region, {})[pair.name] = score
+                image["pixels"][region] = {name: score.sums[name] for name in ("judged", "estimated", "scored")}
+                image["figures"][region] = _finite(score.figures())
         images.append(image)
         if maps is not None:
             picture = expanded(fspath(maps)) / f"{pair.name}.png"
             picture.parent.mkdir(parents=True, exist_ok=True)
-            picture.write_bytes(RGB8.encode(draw_error_map(comparison, known.visible)))
+            picture.write_bytes(RGB8.encode(draw_error_map(comparison)))
     return {
         "protocol": rules.name,
         "source": rules.source,
         "unit": "percent" if rules.full_share == 100 else "fraction",
         "pairs": len(images),
-        "missing": missing,
         "mean": {region: _finite(mean_figures(of_region)) for region, of_region in scores.items()},
         "images": images,
     }

@@ -23,34 +23,39 @@ Disparity = NDArray[np.float32]
 Where = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Limits of a truth's disparities, as its calib.txt gives them.
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """The truth of a pair's left view; all arrays are (H, W).
 
-    ``ndisp`` bounds the disparities from above, in pixels of the truth's size; None for no bound. ``isint`` says
-    whether they are whole pixels, and ``signed`` whether 0 and below are valid.
+    Attributes:
+        disparity: float32 px, inf where unknown.
+        visible: True where the right view sees the point too; None where the set has no mask.
+        objects: 0 in the background, the number of an object elsewhere, as in KITTI's obj_map; None without such a map.
+        ndisp: upper bound of the disparities, px, as of calib.txt; None for no bound.
+        isint: whether the disparities are whole pixels, as of calib.txt.
+        signed: whether disparities of 0 and below are valid.
     """
 
+    disparity: Disparity
+    visible: Where | None = None
+    objects: NDArray[np.uint8] | None = None
     ndisp: int | None = None
     isint: bool = False
     signed: bool = False
-
-
-UNLIMITED = Limits()
 
 
 class PixelComparison(NamedTuple):
     """A prediction compared with the truth pixel by pixel; all arrays are (H, W) of the truth's size.
 
     Attributes:
-        truth: px.
-        error: absolute error, px; meaningless where a pixel is not scored.
+        truth: the truth.
+        error: absolute error, float32 px; meaningless where a pixel is not scored.
         judged: where the benchmark asks for a disparity.
         estimated: where the prediction itself has a valid disparity.
         scored: where the error counts; scored pixels are judged pixels.
     """
 
-    truth: Disparity
+    truth: Truth
     error: Disparity
     judged: Where
     estimated: Where
@@ -64,90 +69,83 @@ class Protocol:
     Attributes:
         name: name of the benchmark.
         source: the program whose definitions these are.
-        compare: compares a prediction (H, W) float32 px with a truth (H, W) float32 px under the truth's limits; raises
-            InputError where the sizes do not fit.
+        read: takes a prediction, float32 px, and the truth. Returns the values that the benchmark compares, in float32
+            px, where the prediction is valid, and where the benchmark asks for a disparity.
         full_share: factor of all shares: 100 for percent, 1 for fractions.
-        invalid_is_bad: whether a pixel that is judged but not scored counts as bad; otherwise shares leave it out.
+        invalid: what becomes of a judged pixel whose prediction is not valid: it is ``bad``, or ``left out`` of shares
+            and means, or scored with the value that ``read`` has ``filled`` in.
         pooled: whether several images count as one large image; otherwise their figures are averaged.
         halved: names of the images that have half the weight of others in the mean.
     """
 
     name: ProtocolName
     source: str
-    compare: Callable[[Disparity, Disparity, Limits], PixelComparison]
+    read: Callable[[Disparity, Truth], tuple[Disparity, Where, Where]]
     full_share: float = 1.0
-    invalid_is_bad: bool = False
+    invalid: Literal["bad", "left out", "filled"] = "left out"
     pooled: bool = False
     halved: frozenset[str] = frozenset()
 
+    def compare(self, prediction: Disparity, truth: Truth) -> PixelComparison:
+        """Compare a prediction (H, W), float32 px, with the truth; raises InputError where sizes do not fit."""
+        values, estimated, judged = self.read(prediction, truth)
+        for name, each in {"prediction": values, "mask": truth.visible, "map of objects": truth.objects}.items():
+            if each is not None and each.shape != truth.disparity.shape:
+                size = shown_size(prediction if each is values else each)
+                raise InputError(f"the {name} has {size} pixels, the truth {shown_size(truth.disparity)}")
+        with np.errstate(invalid="ignore", over="ignore"):
+            error: Disparity = np.abs(values - truth.disparity)
+        scored = judged if self.invalid == "filled" else judged & estimated
+        return PixelComparison(truth, error, judged, estimated, scored)
 
-def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
-    """Compare as evaldisp.cpp, version 1.6, of the MiddEval3 SDK does.
+
+def _read_middlebury(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
+    """Read as evaldisp.cpp, version 1.6, of the MiddEval3 SDK does.
 
     A prediction of half or a quarter of the truth's size, whose disparities are in its pixels, is enlarged: each pixel
     takes the value of the nearest one. Only +inf is invalid. All other values are clipped to [0, s n], where s is the
     scale and n is the truth's ndisp / s, rounded up; signed values are clipped only from above. If the truth is in
     whole pixels, values are then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean error NaN.
     """
-    scale = next((scale for scale in (2, 4) if scale * prediction.shape[0] == truth.shape[0]), 1)
-    _check_size(prediction, truth, scale)
+    scale = next((scale for scale in (2, 4) if scale * prediction.shape[0] == truth.disparity.shape[0]), 1)
     # Halves and quarters are exact in float32, as in the kit.
     values = np.repeat(np.repeat(prediction * np.float32(scale), scale, axis=0), scale, axis=1)
     valid = values != np.inf
-    largest = np.inf if limits.ndisp is None else scale * ceil(limits.ndisp / scale)
-    values = np.clip(values, np.float32(-np.inf if limits.signed else 0), np.float32(largest))
-    if limits.isint:
+    largest = np.inf if truth.ndisp is None else scale * ceil(truth.ndisp / scale)
+    values = np.clip(values, np.float32(-np.inf if truth.signed else 0), np.float32(largest))
+    if truth.isint:
         # In float64: in float32, 0.5 plus the largest number below 0.5 would be 1.
         values = np.floor(values.astype(np.float64) + 0.5).astype(np.float32)
-    judged = truth != np.inf
-    return PixelComparison(truth, _error(values, truth), judged, valid, judged & valid)
+    return values, valid, truth.disparity != np.inf
 
 
-def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> PixelComparison:
-    """Compare as src/main.cc of github.com/ETH3D/two-view-evaluation does.
+def _read_eth3d(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
+    """Read as src/main.cc of github.com/ETH3D/two-view-evaluation does.
 
     A prediction that is NaN, infinite, or larger in size than the image's width counts only in coverage and invalid.
     """
-    _check_size(prediction, truth)
-    judged = np.isfinite(truth)
-    estimated = np.isfinite(prediction) & (np.abs(prediction) <= truth.shape[1])
-    return PixelComparison(truth, _error(prediction, truth), judged, estimated, judged & estimated)
+    valid = np.isfinite(prediction) & (np.abs(prediction) <= truth.disparity.shape[1])
+    return prediction, valid, np.isfinite(truth.disparity)
 
 
-def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
-    """Compare as evaluate_scene_flow.cpp and io_disp.h of KITTI 2015's development kit do.
+def _read_kitti(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
+    """Read as evaluate_scene_flow.cpp and io_disp.h of KITTI 2015's development kit do.
 
     NaN, infinite values, 0 and, unless signed, negative values are holes. They are filled by `fill_holes`, and judged
     like all other pixels. Float predictions are not rounded to the kit's 1/256 px.
     """
-    _check_size(prediction, truth)
-    judged = np.isfinite(truth) & (limits.signed | (truth > 0))
-    estimated = np.isfinite(prediction) & (limits.signed | (prediction > 0))
-    filled = fill_holes(np.where(estimated, prediction, np.float32(np.nan)))
-    return PixelComparison(truth, _error(filled, truth), judged, estimated, judged)
+    valid, judged = (np.isfinite(each) & (truth.signed | (each > 0)) for each in (prediction, truth.disparity))
+    return fill_holes(np.where(valid, prediction, np.float32(np.nan))), valid, judged
 
 
-def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
-    """Compare as the paper of this method does, by eval_mb.py of github.com/gengshan-y/high-res-stereo.
+def _read_paper(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
+    """Read as the paper of this method does, by eval_mb.py of github.com/gengshan-y/high-res-stereo.
 
     A prediction is clipped only from above, at ndisp, and no pixel is invalid. The script resizes predictions of other
-    sizes linearly; here they raise InputError.
+    sizes linearly; here they are refused.
     """
-    _check_size(prediction, truth)
-    values = prediction if limits.ndisp is None else np.minimum(prediction, np.float32(limits.ndisp))
-    judged = truth != np.inf
-    return PixelComparison(truth, _error(values, truth), judged, np.ones_like(judged), judged)
-
-
-def _error(values: Disparity, truth: Disparity) -> Disparity:
-    with np.errstate(invalid="ignore", over="ignore"):
-        error: Disparity = np.abs(values - truth)
-    return error
-
-
-def _check_size(prediction: Disparity, truth: Disparity, scale: int = 1) -> None:
-    if tuple(scale * side for side in prediction.shape) != truth.shape:
-        raise InputError(f"the prediction has {shown_size(prediction)} pixels, its truth {shown_size(truth)}")
+    values = prediction if truth.ndisp is None else np.minimum(prediction, np.float32(truth.ndisp))
+    return values, np.ones(values.shape, bool), truth.disparity != np.inf
 
 
 def shown_size(image: NDArray[np.generic]) -> str:
@@ -157,15 +155,15 @@ def shown_size(image: NDArray[np.generic]) -> str:
 
 # In the table on Middlebury's page, the five hard ones of the 15 training pairs have half the weight.
 _HARD = frozenset({"PianoL", "Playroom", "Playtable", "Shelves", "Vintage"})
-_ROWS = (
-    Protocol(
-        "middlebury", "MiddEval3 SDK, evaldisp 1.6", _compare_middlebury, 100.0, invalid_is_bad=True, halved=_HARD
-    ),
-    Protocol("eth3d", "ETH3D two-view evaluation", _compare_eth3d),
-    Protocol("kitti", "KITTI 2015 development kit", _compare_kitti, pooled=True),
-    Protocol("paper", "HSM, eval_mb.py", _compare_paper, 100.0),
-)
-PROTOCOLS: Mapping[ProtocolName, Protocol] = {row.name: row for row in _ROWS}
+PROTOCOLS: Mapping[ProtocolName, Protocol] = {
+    row.name: row
+    for row in (
+        Protocol("middlebury", "MiddEval3 SDK, evaldisp 1.6", _read_middlebury, 100.0, "bad", halved=_HARD),
+        Protocol("eth3d", "ETH3D two-view evaluation", _read_eth3d),
+        Protocol("kitti", "KITTI 2015 development kit", _read_kitti, invalid="filled", pooled=True),
+        Protocol("paper", "HSM, eval_mb.py", _read_paper, 100.0),
+    )
+}
 """The definitions of each benchmark by its name."""
 
 

@@ -1,7 +1,7 @@
 """Counts and sums over the pixels of an image, and the figures that follow from them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, nan
 
 import numpy as np
@@ -9,20 +9,11 @@ from numpy.typing import NDArray
 
 from semisynth_gl.inputs.arguments import to_array
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.judge.protocol import (
-    UNLIMITED,
-    Limits,
-    PixelComparison,
-    Protocol,
-    ProtocolName,
-    find_protocol,
-    shown_size,
-)
+from semisynth_gl.judge.protocol import PixelComparison, Protocol, ProtocolName, Truth, find_protocol
 
-THRESHOLDS_PX = (0.5, 1.0, 2.0, 4.0)
 QUANTILES = (0.5, 0.9, 0.95, 0.99)
-_OUTLIER_PX = 3.0
-_OUTLIER_SHARE = 0.05
+_THRESHOLDS_PX = {f"bad-{threshold:g}": threshold for threshold in (0.5, 1.0, 2.0, 4.0)}
+_OUTLIER_PX, _OUTLIER_SHARE = 3.0, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +23,9 @@ class Score:
     Attributes:
         protocol: the benchmark's definitions.
         sums: what adds up over images, by name. ``judged``: number of pixels where a disparity was asked for;
-            ``estimated``: those for which the prediction itself has a value; ``scored``: those whose error counts.
-            ``bad-0.5`` to ``bad-4``: scored pixels with a larger error; an equal error is not bad. ``outliers``: scored
+            ``estimated``: those for which the prediction itself has a value; ``scored``: those whose error counts;
+            ``rated``: those that shares count, which are the scored ones or, where an invalid prediction is bad, all.
+            ``bad-0.5`` to ``bad-4``: rated pixels with a larger error; an equal error is not bad. ``outliers``: rated
             pixels that are off by more than 3 px and more than 5 %, see `is_outlier`; ``outliers_estimated``: those
             among the estimated pixels. ``sum_px`` and ``sum_squared_px2``: sums of the scored pixels' errors and of
             their squares. With a map of objects, ``judged-bg``, ``outliers-bg``, ``judged-fg`` and ``outliers-fg``.
@@ -51,25 +43,21 @@ class Score:
         and errors are infinite under ETH3D's protocol and NaN under Middlebury's, as in their evaluators.
         """
         sums, full = self.sums, self.protocol.full_share
-        judged, estimated, scored = sums["judged"], sums["estimated"], sums["scored"]
-        # Under Middlebury's protocol pixels without a score are bad too.
-        unscored = judged - scored if self.protocol.invalid_is_bad else 0
+        judged, estimated, scored, rated = (sums[name] for name in ("judged", "estimated", "scored", "rated"))
 
         def share(count: float, total: float) -> float:
             return nan if judged == 0 else (full * count / total if total else full)
 
-        def mean(total: float) -> float:
-            return total / scored if scored else _worst_px(self.protocol, judged)
-
+        mean_px, mean_squared_px2 = (sums[name] / max(scored, 1) for name in ("sum_px", "sum_squared_px2"))
         parts = [part for part in ("bg", "fg") if f"judged-{part}" in sums]
         return {
-            **{name: share(sums[name] + unscored, scored + unscored) for name in map(_bad, THRESHOLDS_PX)},
+            **{name: share(sums[name], rated) for name in _THRESHOLDS_PX},
             **{f"D1-{part}": _ratio(sums[f"outliers-{part}"], sums[f"judged-{part}"]) for part in parts},
-            "D1-all": share(sums["outliers"] + unscored, scored + unscored),
+            "D1-all": share(sums["outliers"], rated),
             "D1-est": full * _ratio(sums["outliers_estimated"], estimated),
-            "avgerr": mean(sums["sum_px"]),
-            "epe": mean(sums["sum_px"]),
-            "rms": float(np.sqrt(np.float32(mean(sums["sum_squared_px2"])))),
+            "avgerr": mean_px,
+            # Squares in float32, summed in double, and the root of a float32 give the same digits as ETH3D's evaluator.
+            "rms": float(np.sqrt(np.float32(mean_squared_px2))),
             **{f"A{100 * q:g}": value for q, value in zip(QUANTILES, self.quantiles_px, strict=True)},
             "coverage": share(estimated, judged),
             "invalid": share(judged - estimated, judged),
@@ -78,75 +66,67 @@ class Score:
 
 def score(
     prediction: NDArray[np.floating],
-    truth: NDArray[np.floating],
+    truth: NDArray[np.floating] | Truth,
     protocol: ProtocolName,
     *,
     mask: NDArray[np.bool_] | None = None,
-    limits: Limits = UNLIMITED,
 ) -> Score:
     """Score a prediction against the truth by a benchmark's definitions.
 
     Args:
         prediction: (H, W) floats, px; the protocol decides which values are invalid. Middlebury also takes predictions
             of half or a quarter of the truth's size. Errors are computed in float32, as in the evaluators.
-        truth: (H, W) floats, px, inf where there is no disparity.
+        truth: (H, W) floats, px, inf where there is no disparity; or a `Truth`, which may have limits, too.
         protocol: name of one of `PROTOCOLS`.
         mask: (H, W) bool of the truth's size, True for the pixels to count, such as the pixels that both views see;
             None for all pixels.
-        limits: ndisp and isint of the truth, and whether its disparities are signed.
 
     Raises:
         InputError: where sizes differ, an array is not (H, W), or there is no such protocol.
     """
-    rules = find_protocol(protocol)
-    maps = (to_array("prediction", prediction, np.float32), to_array("truth", truth, np.float32))
-    if any(each.ndim != 2 for each in maps):
-        raise InputError(f"prediction and truth must be (H, W), got arrays of shape {[each.shape for each in maps]}")
-    return tally(rules.compare(*maps, limits), rules, None if mask is None else mask.astype(np.bool_))
+    rules, values = find_protocol(protocol), to_array("prediction", prediction, np.float32)
+    if not isinstance(truth, Truth):
+        truth = Truth(to_array("truth", truth, np.float32))
+    if values.ndim != 2 or truth.disparity.ndim != 2:
+        raise InputError(f"expected arrays (H, W), got the shapes {values.shape} and {truth.disparity.shape}")
+    truth = replace(truth, visible=None if mask is None else np.asarray(mask, bool))
+    return tally(rules.compare(values, truth), rules, truth.visible)
 
 
-def tally(
-    comparison: PixelComparison,
-    protocol: Protocol,
-    mask: NDArray[np.bool_] | None = None,
-    objects: NDArray[np.uint8] | None = None,
-) -> Score:
-    """Count the pixels of a comparison.
+def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool_] | None) -> Score:
+    """Count the pixels of a comparison where a mask (H, W) is True, or all of them.
 
-    ``mask`` (H, W) is True for the pixels to count; None for all. ``objects`` (H, W) is 0 in the background; where it
-    is given, a pooled protocol also counts outliers in the background and on objects.
-
-    Raises:
-        InputError: where the mask or the map of objects has another size than the truth.
+    A pooled protocol counts outliers in the background and on objects too, if the truth has a map of objects.
     """
     judged, scored = comparison.judged, comparison.scored
-    for name, each in (("mask", mask), ("map of objects", objects)):
-        if each is not None and each.shape != judged.shape:
-            raise InputError(f"the {name} has {shown_size(each)} pixels, the truth {shown_size(judged)}")
     if mask is not None:
         judged, scored = judged & mask, scored & mask
-    estimated = judged & comparison.estimated
-    error, truth = comparison.error[scored], comparison.truth[scored]
-    outlier = is_outlier(error, truth)
-    sums: dict[str, float] = {
-        "judged": int(judged.sum()),
-        "estimated": int(estimated.sum()),
-        "scored": int(scored.sum()),
-        **{_bad(threshold): int((error > threshold).sum()) for threshold in THRESHOLDS_PX},
-        "outliers": int(outlier.sum()),
-        "outliers_estimated": int((outlier & estimated[scored]).sum()),
-        # ETH3D sums in double too. Middlebury's kit sums in float32, which is off from the 3rd digit on at 1500 x 1000.
-        "sum_px": float(error.sum(dtype=np.float64)),
+    estimated, error = judged & comparison.estimated, comparison.error[scored]
+    outlier = is_outlier(error, comparison.truth.disparity[scored])
+    unscored = (judged & ~scored).sum() if protocol.invalid == "bad" else 0
+    counts = {
+        "judged": judged.sum(),
+        "estimated": estimated.sum(),
+        "scored": scored.sum(),
+        "rated": scored.sum() + unscored,
+        **{name: (error > threshold).sum() + unscored for name, threshold in _THRESHOLDS_PX.items()},
+        "outliers": outlier.sum() + unscored,
+        "outliers_estimated": (outlier & estimated[scored]).sum(),
     }
-    # Squares in float32, summed in double, and the root of a float32 give the same digits as ETH3D's evaluator.
-    with np.errstate(over="ignore"):
-        sums["sum_squared_px2"] = float(np.square(error).sum(dtype=np.float64))
+    objects = comparison.truth.objects
     if protocol.pooled and objects is not None:
         for part, within in (("bg", objects[scored] == 0), ("fg", objects[scored] > 0)):
             # KITTI fills holes, so it scores all judged pixels.
-            sums |= {f"judged-{part}": int(within.sum()), f"outliers-{part}": int((outlier & within).sum())}
-    quantiles = error_quantiles(error) if error.size else (_worst_px(protocol, sums["judged"]),) * len(QUANTILES)
-    return Score(protocol, sums, quantiles)
+            counts |= {f"judged-{part}": within.sum(), f"outliers-{part}": (outlier & within).sum()}
+    if not error.size:
+        worst = inf if judged.any() and protocol.invalid != "bad" else nan
+        totals, quantiles = {"sum_px": worst, "sum_squared_px2": worst}, (worst,) * len(QUANTILES)
+    else:
+        # ETH3D sums in double too. Middlebury's kit sums in float32, which is off from the 3rd digit on at 1500 x 1000.
+        with np.errstate(over="ignore"):
+            sums = {"sum_px": error.sum(dtype=np.float64), "sum_squared_px2": np.square(error).sum(dtype=np.float64)}
+        totals, quantiles = {name: float(total) for name, total in sums.items()}, error_quantiles(error)
+    return Score(protocol, {name: int(count) for name, count in counts.items()} | totals, quantiles)
 
 
 def is_outlier(error: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -195,14 +175,5 @@ def mean_figures(scores: Mapping[str, Score]) -> dict[str, float]:
     return {name: float(np.average([row[name] for row in figures], weights=weights)) for name in figures[0]}
 
 
-def _bad(threshold_px: float) -> str:
-    return f"bad-{threshold_px:g}"
-
-
 def _ratio(count: float, total: float) -> float:
     return count / total if total else nan
-
-
-def _worst_px(protocol: Protocol, judged: float) -> float:
-    """Return the mean error where no pixel was scored."""
-    return nan if protocol.invalid_is_bad or not judged else inf

@@ -3,15 +3,13 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from glob import glob
 from math import ceil
-from pathlib import Path, PurePosixPath
-from typing import NamedTuple
+from pathlib import Path, PurePath, PurePosixPath
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.codecs import read_bytes
 from semisynth_gl.codecs.calib import calib_values
@@ -23,7 +21,8 @@ from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.dataset.root import path_of, read_whole
 from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, counted, cut, no_folder
-from semisynth_gl.judge.protocol import UNLIMITED, Limits, ProtocolName
+from semisynth_gl.inputs.user_files import expanded
+from semisynth_gl.judge.protocol import ProtocolName, Truth
 from semisynth_gl.seeds.splits import SplitName
 
 # Names of the truth in a scene's folder; a set's truth is the first of these that it has.
@@ -31,23 +30,6 @@ _SCENE_TRUTHS = ("disp0GT.pfm", "disp0.pfm")
 _OCC = "disp_occ_0"
 _PROTOCOLS: dict[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
 _LARGEST_CALIB = 1 << 16
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Truth:
-    """The truth of a pair's left view; all arrays are (H, W).
-
-    Attributes:
-        disparity: px, inf where unknown.
-        visible: True where the right view sees the point too; None where the set has no mask.
-        objects: 0 in the background, the number of an object elsewhere, as in KITTI's obj_map; None without such a map.
-        limits: the limits of the disparities.
-    """
-
-    disparity: NDArray[np.float32]
-    visible: NDArray[np.bool_] | None = None
-    objects: NDArray[np.uint8] | None = None
-    limits: Limits = UNLIMITED
 
 
 class TruePair(NamedTuple):
@@ -83,11 +65,9 @@ def find_truth(address: str, split: SplitName | None = None) -> TrueSet:
     Raises:
         InputError: where there is no such set or split, or names are not unique.
     """
-    folder = Path(address)
+    folder = expanded(address)
     if "://" in address or (folder / INDEX).is_file() or (folder / PLAN).is_file():
         found = _dataset_truth(open_dataset(address, split), split)
-    elif not folder.is_dir():
-        raise no_folder(folder, "truth")
     elif split is not None:
         raise InputError(f"{address} has no splits, since this program did not write it", argument="split")
     else:
@@ -98,51 +78,40 @@ def find_truth(address: str, split: SplitName | None = None) -> TrueSet:
     name, count = Counter(pair.name for pair in found.pairs).most_common(1)[0]
     if count > 1:
         raise InputError(f"{folder}: {count} truths for {name}: give the folder of one size", argument="truth")
-    # A key that several pairs have identifies none of them.
-    counts = Counter(key for pair in found.pairs for key in set(pair.keys))
-    pairs = [pair._replace(keys=[key for key in pair.keys if counts[key] == 1]) for pair in found.pairs]
-    return found._replace(pairs=pairs)
+    return found
 
 
-def find_predictions(
-    folder: Path, pairs: Sequence[TruePair], *, partial: bool
-) -> tuple[list[tuple[TruePair, Path]], list[str]]:
-    """Find the prediction for each pair.
+def find_predictions(folder: Path, pairs: Sequence[TruePair]) -> list[Path]:
+    """Return the file of the prediction for each pair.
 
     A prediction has one of the pair's keys as its path in the folder, the first that is there, and the extension .pfm,
     .npy or .png (16-bit grey: networks write other pictures beside their results). In a folder named like the pair it
     may also be named ``disp0<METHOD>``, as Middlebury asks for. The truth beside it does not count then.
 
-    ``partial`` allows that predictions for some pairs, but not for all, are missing.
-
-    Returns:
-        The pairs with a prediction, in the set's order, each with the prediction's file; and the names of the pairs
-        without one.
-
     Raises:
-        InputError: where the folder does not exist, a pair has several predictions, or predictions are missing.
+        InputError: where the folder does not exist, or a pair has several predictions or none.
     """
     files: dict[str, list[Path]] = {}
     for path in disparity_maps(folder, "predictions"):
-        files.setdefault(_key(PurePosixPath(path.relative_to(folder))), []).append(path)
-    found, missing = [], []
+        files.setdefault(_keys(path.relative_to(folder))[0], []).append(path)
+    # A key that several pairs have identifies none of them.
+    owners = Counter(key for pair in pairs for key in set(pair.keys))
+    found, missing = list[Path](), list[str]()
     for pair in pairs:
-        paths = next((files[key] for key in pair.keys if key in files), [])
+        paths = next((files[key] for key in pair.keys if key in files and owners[key] == 1), [])
         paths = [path for path in paths if path.name not in _SCENE_TRUTHS] or paths
         if len(paths) > 1:
             names = abbreviate([path.name for path in paths])
             raise InputError(f"{len(paths)} predictions for {pair.name}: {names}: keep one", argument="predictions")
-        if paths:
-            found.append((pair, paths[0]))
-        else:
-            missing.append(pair.name)
-    if missing and (not partial or not found):
+        found += paths
+        missing += [] if paths else [pair.name]
+    if missing:
         raise InputError(
             f"{folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {abbreviate(missing)}: "
-            f"expected {missing[0]}.pfm, .npy or 16-bit .png{'; partial allows it' if found else ''}",
+            f"expected {missing[0]}.pfm, .npy or 16-bit .png",
             argument="predictions",
         )
-    return found, missing
+    return found
 
 
 def disparity_maps(folder: Path, argument: str) -> list[Path]:
@@ -168,7 +137,7 @@ def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
         split, number = dataset.pair(place)
         scene, path = plan.key(split, number).name, plan.files(split, number)["disparity_left"]
         name = scene if only_split or len(plan.pairs) == 1 else f"{split}/{scene}"
-        keys = [f"{split}/{scene}", scene, *_keys(path)]
+        keys = [f"{split}/{scene}", scene, *_keys(PurePosixPath(path))]
         pairs.append(TruePair(name, str(path_of(root, path)), keys, partial(_read_pair, dataset, place)))
     codec = plan.encodings.disparity
     png_scale = codec.steps if isinstance(codec, DisparityPng16) else KITTI_DISPARITY.steps
@@ -181,29 +150,25 @@ def _read_pair(dataset: Dataset, place: int) -> Truth:
     # A frame has no array for KITTI's map of objects.
     name = index.plan.files(*dataset.pair(place)).get("objects")
     objects = None if name is None else GREY8.decode(read_whole(index.root, name), path_of(index.root, name))
-    limits = Limits(max(1, ceil(index.plan.config.disparity.max_px)), signed=index.plan.encodings.signed)
-    return Truth(left.disparity, None if visibility is None else visibility == VISIBLE, objects, limits)
+    visible = None if visibility is None else visibility == VISIBLE
+    ndisp = max(1, ceil(index.plan.config.disparity.max_px))
+    return Truth(left.disparity, visible, objects, ndisp, signed=index.plan.encodings.signed)
 
 
 def _folder_truth(folder: Path) -> TrueSet:
-    def pairs(paths: Sequence[Path], read: Callable[[Path], Truth], *, scenes: bool = False) -> list[TruePair]:
-        names = [path.absolute().parent.name if scenes else path.stem for path in paths]
-        return [
-            TruePair(name, str(path), [name, *_keys(path.relative_to(folder).as_posix())], partial(read, path))
-            for name, path in zip(names, paths, strict=True)
-        ]
+    def pairs(paths: Sequence[Path], read: Callable[[Path], Truth]) -> list[TruePair]:
+        keys = [_keys(path.absolute()) for path in paths]
+        return [TruePair(own[-1], str(path), own, partial(read, path)) for path, own in zip(paths, keys, strict=True)]
 
     for root in (folder, folder / "training"):
         if paths := sorted((root / _OCC).glob("*.png")):
             return TrueSet(pairs(paths, _read_kitti), "kitti")
-    for truth in _SCENE_TRUTHS:
-        if paths := _files(folder, truth):
+    for name in _SCENE_TRUTHS:
+        if paths := _files(folder, name):
             eth3d = any("two_view_training_gt" in path.absolute().parts for path in paths)
-            return TrueSet(pairs(paths, _read_scene, scenes=True), "eth3d" if eth3d else "middlebury")
-    maps = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in MAP_EXTENSIONS]
-    return TrueSet(
-        pairs([path for path in maps if is_disparity_map(path)], lambda path: Truth(read_disparity_map(path)))
-    )
+            return TrueSet(pairs(paths, _read_scene), "eth3d" if eth3d else "middlebury")
+    maps = [path for path in disparity_maps(folder, "truth") if path.parent == folder]
+    return TrueSet(pairs(maps, lambda path: Truth(read_disparity_map(path))))
 
 
 def _read_kitti(path: Path) -> Truth:
@@ -220,12 +185,12 @@ def _read_scene(path: Path) -> Truth:
     return Truth(
         read_disparity_map(path),
         GREY8.read(mask) == VISIBLE if mask.is_file() else None,
-        limits=read_limits(calibration) if calibration.is_file() else UNLIMITED,
+        **(read_limits(calibration) if calibration.is_file() else {}),
     )
 
 
-def read_limits(path: Path) -> Limits:
-    """Read ndisp and isint from a calib.txt of Middlebury or ETH3D; either may be missing.
+def read_limits(path: Path) -> dict[str, Any]:
+    """Read a truth's ``ndisp`` and ``isint`` from a calib.txt of Middlebury or ETH3D; either may be missing.
 
     Raises:
         ReadError: where the file cannot be read, or a value is not a whole number of at most six digits.
@@ -235,15 +200,14 @@ def read_limits(path: Path) -> Limits:
         # Some programs write a whole number as 64.0.
         if not re.fullmatch(r"\d{1,6}(\.0*)?", values.setdefault(key, "0")):
             raise ReadError(path, f"{key}: expected a whole number, got {cut(values[key])}")
-    return Limits(int(float(values["ndisp"])) or None, bool(float(values["isint"])))
+    return {"ndisp": int(float(values["ndisp"])) or None, "isint": bool(float(values["isint"]))}
 
 
-def _key(path: PurePosixPath) -> str:
-    """Return a map's path without extension; for a map named disp0... the path of its folder."""
-    return str(path.parent if path.name.startswith("disp0") else path.with_suffix("")).removesuffix(".disp")
+def _keys(path: PurePath) -> list[str]:
+    """Return a map's path without extension, then without its first folder too, and so on.
 
-
-def _keys(path: str) -> list[str]:
-    """Return the key of a path with all of its folders, without the first, and so on."""
-    parts = _key(PurePosixPath(path)).split("/")
+    For a map named disp0..., the path of its folder takes the place of its own.
+    """
+    path = path.parent if path.name.startswith("disp0") else path.with_suffix("")
+    parts = str(path.as_posix()).removesuffix(".disp").split("/")
     return ["/".join(parts[first:]) for first in range(len(parts))]

@@ -34,7 +34,7 @@ from semisynth_gl.config import load_config  # noqa: E402
 from semisynth_gl.dataset.generate import generate  # noqa: E402
 from semisynth_gl.dataset.reader import open_dataset  # noqa: E402
 from semisynth_gl.inputs.errors import InputError  # noqa: E402
-from semisynth_gl.judge.truth import Truth  # noqa: E402
+from semisynth_gl.judge.protocol import Truth  # noqa: E402
 from semisynth_gl.torch import Augmentation  # noqa: E402
 
 SMALL = (

@@ -190,7 +190,7 @@ def test_signed_datasets_are_evaluated_beyond_0(tmp_path):
             (results / f"{pair.name}.png").write_bytes(SIGNED_DISPARITY.encode(pair.left.disparity))
     for protocol in ("middlebury", "kitti", "eth3d", "paper"):
         mean = evaluate(results, data, protocol)["mean"]["all"]
-        assert mean["epe"] < 0.003, protocol
+        assert mean["avgerr"] < 0.003, protocol
         assert mean["coverage"] == PROTOCOLS[protocol].full_share, protocol
 
 
