@@ -2,16 +2,15 @@
 
 import numpy as np
 from PIL import Image
+from tiny_datasets import verified
 
 from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.codecs.pfm import PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, RGB8
-from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.judge.verify import verify_dataset
 
 
 def all_findings(dataset, rays=0):
-    return [finding for verdict in verify_dataset(read_index(dataset), rays) for finding in verdict.findings]
+    return verified(dataset, rays).findings
 
 
 def findings(dataset, rays=0):

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from semisynth_gl.config import Config, Range, load_config
-from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.judge.verify import verify_dataset
+from semisynth_gl.judge.verify import verify
 from semisynth_gl.textures.image_files import builtin_photographs
 
 SCALE = 1 / 8
@@ -114,8 +113,13 @@ def digests(folder):
     return found
 
 
+def verified(out, rays=0):
+    """What verify finds, with so many rays for each pair."""
+    return verify(out, rays=sys.maxsize * bool(rays), pixels=rays or 1)
+
+
 def findings(out, rays=0):
-    return [str(finding) for verdict in verify_dataset(read_index(out), rays) for finding in verdict.findings]
+    return list(map(str, verified(out, rays).findings))
 
 
 def command(config, out, layout, *options):

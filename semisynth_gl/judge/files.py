@@ -1,16 +1,15 @@
 """Checks that all files are there and as recorded, and that no other file misleads a loader."""
 
 import hashlib
-from collections.abc import Set as AbstractSet
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, cast
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.model import digest_of
-from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, Record, Shard
+from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, Record, Shard, ShardEntry
 from semisynth_gl.dataset.reader import StoredIndex, read_members, read_record
-from semisynth_gl.dataset.root import is_local, read_whole
+from semisynth_gl.dataset.root import is_local, names_below, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.inputs.errors import ReadError, counted
 from semisynth_gl.judge.findings import Verdict
@@ -20,28 +19,23 @@ _ABOUT = frozenset({INDEX, PLAN, CARD})
 _NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})
 
 
-def check_index(index: StoredIndex, present: AbstractSet[str], unmade: int, verdict: Verdict) -> None:
-    """Check that the index agrees with itself, and that the names of the dataset's files are as the index says.
-
-    ``present`` are the names of all files of the dataset, ``unmade`` is the number of pairs that are not made yet.
-    """
-    plan, root = index.plan, index.root
-    if index.fault is not None:
-        verdict.add("index", index.fault)
-    if unmade:
-        verdict.add("index", f"{unmade} of {counted(sum(plan.pairs.values()), 'pair')} not made yet")
+def check_index(index: StoredIndex, verdict: Verdict) -> None:
+    """Check that the index agrees with itself, and that the dataset's files have the names that the index gives."""
+    plan, root, present = index.plan, index.root, frozenset(names_below(index.root))
     # The plan has the config without the keys that this version does not know.
-    stored = PLAN if index.made is None else INDEX
-    digest = digest_of(JSON_OBJECT.decode(read_whole(root, stored), Path(stored))["config_values"])
+    digest = digest_of(JSON_OBJECT.decode(read_whole(root, INDEX), Path(INDEX))["config_values"])
     if digest != plan.config_sha256:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {plan.config_sha256:.12}")
+    shards = {path for shard in plan.shards for path in (shard.record, shard.log)}
+    if plan.layout.packed:
+        shards |= {shard.tar for shard in plan.shards}
+    else:
+        pairs = ((split, number) for split, count in plan.pairs.items() for number in range(count))
+        shards = shards.union(*(plan.files(*pair).values() for pair in pairs))
     links = {name for name in plan.links if is_local(root) and (root / name).is_symlink()}
-    known = _ABOUT | {LOCK} | plan.lists.keys() | _shard_files(index) | links
-    if foreign := sorted(present - known):
+    if foreign := sorted(present - (_ABOUT | {LOCK} | plan.lists.keys() | shards | links)):
         files = counted(len(foreign), "file")
         verdict.add("files", f"{files} that the index does not list and loaders may take for a pair's: {foreign[0]}")
-    if index.fault is not None:
-        return  # an unfinished dataset lacks the files that are written last
     for name in sorted(_ABOUT - present):
         verdict.add("files", f"{name} is missing")
     for name, expected in plan.lists.items():
@@ -52,25 +46,16 @@ def check_index(index: StoredIndex, present: AbstractSet[str], unmade: int, verd
             verdict.add("files", f"{name} {error.reason}")
 
 
-def _shard_files(index: StoredIndex) -> set[str]:
-    """Return the names of the files, records and logs of all shards."""
-    plan = index.plan
-    paths = {path for shard in plan.shards for path in (shard.record, shard.log)}
-    if plan.layout.packed:
-        return paths | {shard.tar for shard in plan.shards}
-    files = (plan.files(split, number).values() for split, pairs in plan.pairs.items() for number in range(pairs))
-    return paths.union(*files)
+def check_shard(index: StoredIndex, shard: Shard, entry: ShardEntry, verdict: Verdict) -> Record | None:
+    """Compare a shard's record with its entry in the index, and its tar with the record.
 
-
-def check_shard(index: StoredIndex, shard: Shard, verdict: Verdict) -> Record | None:
-    """Compare a shard's record with the index, and its tar with the record; return the record, None if unreadable."""
+    Return the record; None where it cannot be read.
+    """
     try:
         record = read_record(index.root, shard, packed=index.plan.layout.packed)
     except ReadError as error:
-        why = "the shard is not finished, or its record was changed"
-        verdict.add("shard", f"{shard.record} {error.reason}: {why}")
+        verdict.add("shard", f"{shard.record} {error.reason}")
         return None
-    entry = record if index.made is None else index.made.shard_entries[shard.number]
     for key in ("bytes", "sha256"):
         ours, theirs = getattr(record, key), getattr(entry, key)
         if ours != theirs:
@@ -97,14 +82,13 @@ def read_pair(
     plan = index.plan
     if plan.layout.packed and record is None:
         return None  # the shard has the finding
-    expected = plan.files(shard.split, number)
     values = _read_files(index, shard, record, number, verdict)
     if not values.keys() >= _NEEDED:
         return None
     _check_origin(values["provenance"], index, shard, number, verdict)
     sizes = list(wrong_sizes(values, plan.size))
     for role, fault in sizes:
-        verdict.add("size", f"{expected[role]} {fault}")
+        verdict.add("size", f"{plan.files(shard.split, number)[role]} {fault}")
     if sizes:
         return None
     try:

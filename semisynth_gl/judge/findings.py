@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.inputs.errors import counted
 
 DATASET = "dataset"
@@ -44,19 +45,15 @@ class Verdict:
         """Add a finding; line breaks become blanks."""
         self.findings.append(Finding(self.scene, check, " ".join(message.split())))
 
-    def add_pixels(self, check: str, array: str, fault: str, wrong: NDArray[np.bool_]) -> None:
-        """Add a finding with the number of an array's wrong pixels and the place of the first; none if all are right.
+    def add_pixels(self, channel: str, eye: Eye, fault: str, wrong: NDArray[np.bool_]) -> None:
+        """Add a finding about the ``wrong`` pixels (H, W) of an eye's channel: a fault such as "is NaN"; none if none.
 
-        Args:
-            check: name of the check.
-            array: name of the array.
-            fault: the part of the sentence between the array's name and "in 12 pixels", such as "is NaN".
-            wrong: (H, W) bool.
+        It has the number of these pixels and the place of the first.
         """
         if wrong.any():
             row, column = np.argwhere(wrong)[0]
             pixels = counted(int(wrong.sum()), "pixel")
-            self.add(check, f"{array} {fault} in {pixels}, the first at ({column}, {row})")
+            self.add(channel, f"{channel}_{eye} {fault} in {pixels}, the first at ({column}, {row})")
 
     def keep_largest(self, measure: str, value: float) -> None:
         """Set a measure to the larger of its value so far and this value."""

@@ -60,13 +60,13 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     within_px = np.minimum(positions, np.array([raw.width_px, raw.height_px]) - 1 - positions).min(axis=2)
     if "valid" in view:
         wrong = np.where(view.valid == VISIBLE, ~(within_px >= -_BORDER_PX), within_px > _BORDER_PX)
-        verdict.add_pixels("valid", f"valid_{eye}", "disagrees with the lens", wrong)
+        verdict.add_pixels("valid", eye, "disagrees with the lens", wrong)
     if "raw_map" in view:
         # Beyond the sensor, a bent position grows fast, and float32 rounds it in proportion.
         bounds = _MAP_PX + _MAP_SHARE * np.nan_to_num(np.maximum(-within_px, 0), posinf=0)[..., None]
         expected = np.where(np.isnan(positions), np.inf, positions)
         wrong = ~np.isclose(view["raw_map"], expected, rtol=0, atol=bounds).all(axis=2)
-        verdict.add_pixels("raw_map", f"raw_map_{eye}", "disagrees with the lens", wrong)
+        verdict.add_pixels("raw_map", eye, "disagrees with the lens", wrong)
     if "raw" in view:
         wrong, seen = np.zeros(within_px.shape, bool), within_px >= 0
         around = corners(view["raw"].astype(np.float32), *positions[seen].T)
@@ -74,4 +74,4 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         bound = np.ptp(around, axis=0) / _PHASES + 1
         levels = view.image[seen].reshape(len(bound), -1)
         wrong[seen] = (np.abs(levels - between(around, *positions[seen].T)) > bound).any(axis=1)
-        verdict.add_pixels("raw", f"raw_{eye}", "does not rectify to the image", wrong)
+        verdict.add_pixels("raw", eye, "does not rectify to the image", wrong)

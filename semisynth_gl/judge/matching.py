@@ -51,8 +51,7 @@ def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         mask_name = str(CHANNELS[channel].mask)
         if channel not in view or mask_name not in view:
             continue
-        name, mask = f"{mask_name}_{eye}", view[mask_name]
-        vectors, error_px = _vectors(frame, eye, channel)
+        mask, (vectors, error_px) = view[mask_name], _vectors(frame, eye, channel)
         known = np.isfinite(vectors).all(axis=2)
         height, width = mask.shape
         x, y = np.arange(width) + vectors[..., 0], np.arange(height)[:, None] + vectors[..., 1]
@@ -61,10 +60,10 @@ def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         outside = known & (within_px < -_BORDER_PX - error_px)
         inside = known & (within_px > _BORDER_PX + error_px)
         border, _ = find_borders(frame, eye, channel, vectors, error_px)
-        verdict.add_pixels(mask_name, name, f"is not 0 without {channel}", ~known & (mask != OUTSIDE))
-        verdict.add_pixels(mask_name, name, "is not 0 for a point outside the image", outside & (mask != OUTSIDE))
-        verdict.add_pixels(mask_name, name, "is 0 for a point in the image", inside & (mask == OUTSIDE))
-        verdict.add_pixels(mask_name, name, "is 255 though a border hides the point", border & (mask == VISIBLE))
+        verdict.add_pixels(mask_name, eye, f"is not 0 without {channel}", ~known & (mask != OUTSIDE))
+        verdict.add_pixels(mask_name, eye, "is not 0 for a point outside the image", outside & (mask != OUTSIDE))
+        verdict.add_pixels(mask_name, eye, "is 0 for a point in the image", inside & (mask == OUTSIDE))
+        verdict.add_pixels(mask_name, eye, "is 255 though a border hides the point", border & (mask == VISIBLE))
 
 
 def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:

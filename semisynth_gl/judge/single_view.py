@@ -30,29 +30,23 @@ _VALUES = {
 }
 
 
-def check_view(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
+def check_view(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
     """Check the arrays of a view; ``largest_px`` is the config's limit of disparities."""
-    _check_values(frame, eye, verdict)
-    if "disparity" in frame.view(eye):
-        _check_disparity(frame, eye, inf if largest_px is None else largest_px, verdict)
-        _check_change(frame, eye, inf if largest_px is None else largest_px, verdict)
-        _check_geometry(frame, eye, verdict)
-        _check_instances(frame, eye, verdict)
-
-
-def _check_values(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check that masks have only their values, and that vectors and depths are finite or inf, all components alike."""
     for name, array in frame.view(eye).items():
-        role = f"{name}_{eye}"
         if name in _VALUES:
-            wrong = ~np.isin(array, _VALUES[name])
-            verdict.add_pixels(name, role, f"is not one of {', '.join(map(str, _VALUES[name]))}", wrong)
+            fault = f"is not one of {', '.join(map(str, _VALUES[name]))}"
+            verdict.add_pixels(name, eye, fault, ~np.isin(array, _VALUES[name]))
         elif CHANNELS[name].nothing == inf:
             values = array.reshape(*array.shape[:2], -1)
             infinite = np.isposinf(values)
-            verdict.add_pixels(name, role, "is NaN or -inf", (np.isnan(values) | np.isneginf(values)).any(axis=2))
+            verdict.add_pixels(name, eye, "is NaN or -inf", (np.isnan(values) | np.isneginf(values)).any(axis=2))
             mixed = infinite != infinite[..., :1]
-            verdict.add_pixels(name, role, "is inf in only one component", mixed.any(axis=2))
+            verdict.add_pixels(name, eye, "is inf in only one component", mixed.any(axis=2))
+    if "disparity" in frame.view(eye):
+        _check_disparity(frame, eye, largest_px, verdict)
+        _check_change(frame, eye, largest_px, verdict)
+        _check_geometry(frame, eye, verdict)
+        _check_instances(frame, eye, verdict)
 
 
 def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
@@ -62,31 +56,28 @@ def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: V
     pixel has a depth, since the background fills the view. So an unsigned disparity d = f B / Z - doffs is inf only on
     far surfaces where doffs is positive, in the sky, in borders, and beyond the encoding.
     """
-    disparity, name, camera = frame.view(eye)["disparity"], f"disparity_{eye}", frame.camera
+    disparity, camera = frame.view(eye)["disparity"], frame.camera
     finite, error_px = np.isfinite(disparity), frame.encodings.disparity.error_px
     if not frame.encodings.signed:
-        verdict.add_pixels("disparity", name, "is 0 or below", finite & (disparity <= 0))
+        verdict.add_pixels("disparity", eye, "is 0 or below", finite & (disparity <= 0))
     elif camera.rectified:
         least_px = -camera.doffs_px - _TEXT_SHARE * abs(camera.doffs_px) - error_px
-        verdict.add_pixels("disparity", name, "is below that of infinity", finite & (disparity < least_px))
+        verdict.add_pixels("disparity", eye, "is below that of infinity", finite & (disparity < least_px))
     too_large = finite & (disparity > largest_px * (1 + _TEXT_SHARE) + error_px)
-    verdict.add_pixels("disparity", name, f"is above {largest_px} px", too_large)
+    verdict.add_pixels("disparity", eye, f"is above {largest_px} px", too_large)
     left_out = frame.left_out(eye)
-    verdict.add_pixels("disparity", name, "is known in a border", finite & left_out)
+    verdict.add_pixels("disparity", eye, "is known in a border", finite & left_out)
     sky_has_one = frame.encodings.signed or (camera.doffs_px < 0 and camera.rectified)
     sky = np.zeros_like(finite) if sky_has_one else frame.sky(eye)
     if sky is None:
         return  # no output tells where the sky is
     lacking = np.isposinf(disparity) & ~left_out & ~sky
-    beyond, found = _count_beyond(frame, "disparity", eye, lacking, verdict), int(lacking.sum())
-    if not beyond:
-        _check_lacking(frame, "disparity", name, lacking, disparity, verdict)
-    elif _always_valid(frame) and found > beyond:
-        verdict.add("disparity", f"{name} is inf in {found} pixels, the provenance counts {beyond} beyond the encoding")
+    if not _check_beyond(frame, "disparity", eye, lacking, verdict, at_most=_always_valid(frame)):
+        _check_lacking(frame, "disparity", eye, lacking, disparity, verdict)
 
 
 def _check_lacking(
-    frame: StoredFrame, check: str, name: str, lacking: Where, disparity: NDArray[np.floating], verdict: Verdict
+    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, disparity: NDArray[np.floating], verdict: Verdict
 ) -> None:
     """Check that pixels lack a value only beside small disparities, since a surface leaves the range through 0.
 
@@ -97,7 +88,7 @@ def _check_lacking(
     around = disparity[beside & np.isfinite(disparity)]
     allowed = around.min() <= _LAST_VALID_PX if around.size else np.isfinite(disparity).any()
     if _always_valid(frame) or not allowed:
-        verdict.add_pixels(check, name, "is inf", lacking)
+        verdict.add_pixels(channel, eye, "is inf", lacking)
 
 
 def _always_valid(frame: StoredFrame) -> bool:
@@ -105,13 +96,18 @@ def _always_valid(frame: StoredFrame) -> bool:
     return frame.encodings.signed or (frame.camera.doffs_px <= 0 and frame.camera.rectified)
 
 
-def _count_beyond(frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict) -> int:
-    """Return how many values were beyond the encoding by the provenance; at least as many must be ``lacking``."""
+def _check_beyond(
+    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict, *, at_most: bool = False
+) -> int:
+    """Return how many values were beyond the encoding by the provenance.
+
+    At least as many pixels must be ``lacking`` and, with ``at_most``, no more if any were beyond the encoding.
+    """
     counts = frame.provenance.get(CHANNELS[channel].beyond_key)
     codec = frame.encodings.codec(CHANNELS[channel])
     count = counts.get(eye) if isinstance(counts, dict) and isfinite(codec.limit_px) else 0
     beyond, found = count if isinstance(count, int) else 0, int(lacking.sum())
-    if found < beyond:
+    if found < beyond or (at_most and 0 < beyond < found):
         fault = f"is inf in {found} pixels, the provenance counts {beyond} beyond the encoding"
         verdict.add(channel, f"{channel}_{eye} {fault}")
     return beyond
@@ -133,20 +129,20 @@ def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.left_out(eye)
         missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
         wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
-        verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong)
+        verdict.add_pixels("depth", eye, "is not that of the disparity", wrong)
     if "correspondence" in view:
         near = np.abs(view.correspondence - frame.correspondences(eye)) <= (_VECTOR_PX + rounding_px)[..., None]
         wrong = np.isfinite(disparity) & ~near.all(axis=2)
-        verdict.add_pixels("correspondence", f"correspondence_{eye}", "is not that of the disparity", wrong)
+        verdict.add_pixels("correspondence", eye, "is not that of the disparity", wrong)
     if "normals" in view:
-        normals, name = view.normals.astype(np.float64), f"normals_{eye}"
+        normals = view.normals.astype(np.float64)
         seen = np.isfinite(disparity) | np.isfinite(view.get("depth", inf)) | (view.get("instances", np.uint16(0)) > 0)
         length, zero = np.linalg.norm(normals, axis=2), (normals == 0).all(axis=2)
         wrong = ~(np.abs(length - 1) <= _UNIT_LENGTH) & (seen | ~zero)
-        verdict.add_pixels("normals", name, "is no unit vector", wrong)
+        verdict.add_pixels("normals", eye, "is no unit vector", wrong)
         edge = _EDGE_PX / min(camera.focal_px, camera.focal_y_px)
         away = (normals * camera.rays_of_eye(eye, column, row)).sum(axis=2) > _UNIT_LENGTH + edge
-        verdict.add_pixels("normals", name, "points away from the eye", away)
+        verdict.add_pixels("normals", eye, "points away from the eye", away)
 
 
 def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
@@ -156,14 +152,14 @@ def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """
     view, rows, sky = frame.view(eye), frame.provenance.get("instances"), frame.sky_of_instances(eye)
     if "instances" in view:
-        ids, name, listed = view.instances, f"instances_{eye}", len(rows) if isinstance(rows, list) else 0
-        none = (ids == 0) & np.isfinite(view["disparity"])
-        verdict.add_pixels("instances", name, f"is above the {listed} that the pair lists", ids > listed)
-        verdict.add_pixels("instances", name, "is 0 in spite of a disparity", none)
+        listed = len(rows) if isinstance(rows, list) else 0
+        verdict.add_pixels("instances", eye, f"is above the {listed} that the pair lists", view.instances > listed)
+        none = (view.instances == 0) & np.isfinite(view["disparity"])
+        verdict.add_pixels("instances", eye, "is 0 in spite of a disparity", none)
     if "sky" in view and sky is not None:
-        verdict.add_pixels("sky", f"sky_{eye}", "is not that of the instances", (view.sky == SKY) != sky)
+        verdict.add_pixels("sky", eye, "is not that of the instances", (view.sky == SKY) != sky)
     if "sky" in view and "depth" in view:
-        verdict.add_pixels("sky", f"sky_{eye}", "has a finite depth", (view.sky == SKY) & np.isfinite(view.depth))
+        verdict.add_pixels("sky", eye, "has a finite depth", (view.sky == SKY) & np.isfinite(view.depth))
 
 
 def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
@@ -171,9 +167,9 @@ def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verd
 
     The change must be finite where disparity and flow are, but in a lens's borders, and nowhere else.
     """
-    view, name = frame.view(eye), f"disparity_change_{eye}"
+    view = frame.view(eye)
     beyond = {
-        channel: _count_beyond(frame, channel, eye, np.isinf(view[channel]).any(axis=2), verdict)
+        channel: _check_beyond(frame, channel, eye, np.isinf(view[channel]).any(axis=2), verdict)
         for channel in ("flow", "flow_backward")
         if channel in view
     }
@@ -181,34 +177,34 @@ def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verd
         return
     change, disparity = view.disparity_change, view["disparity"]
     known, later = np.isfinite(change) & np.isfinite(disparity), disparity.astype(np.float64) + change
-    verdict.add_pixels("disparity_change", name, "is finite without a disparity", np.isfinite(change) & ~known)
+    verdict.add_pixels("disparity_change", eye, "is finite without a disparity", np.isfinite(change) & ~known)
     margin_px = _CHANGED_PX + frame.encodings.disparity.error_px
     least_px = (-frame.camera.doffs_px if frame.encodings.signed else 0) - margin_px
     impossible = known & ((later < least_px) | (later > largest_px + margin_px))
-    verdict.add_pixels("disparity_change", name, "leads to an impossible disparity", impossible)
+    verdict.add_pixels("disparity_change", eye, "leads to an impossible disparity", impossible)
     if "flow" not in view:
         return
     flows = np.isfinite(view.flow).all(axis=2)
     if not beyond["flow"]:
-        verdict.add_pixels("disparity_change", name, "is finite without flow", known & ~flows)
+        verdict.add_pixels("disparity_change", eye, "is finite without flow", known & ~flows)
     missing = np.isfinite(disparity) & flows & np.isposinf(change)
     if not frame.border_disparity:
         lost, perhaps_lost = find_borders(frame, eye, "flow", view.flow, frame.encodings.flow.error_px)
         hidden = "is finite though a border hides the point at a frame"
-        verdict.add_pixels("disparity_change", name, hidden, known & lost)
+        verdict.add_pixels("disparity_change", eye, hidden, known & lost)
         missing &= ~perhaps_lost
-    _check_lacking(frame, "disparity_change", name, missing, later, verdict)
+    _check_lacking(frame, "disparity_change", eye, missing, later, verdict)
 
 
 def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
     """Check the camera against the pair's provenance, and calib.txt, where there is one, against the left disparity."""
     recorded, camera, calibration = frame.provenance.get("camera"), frame.camera, frame.calibration
-    recorded, values = recorded if isinstance(recorded, dict) else {}, camera.values()
-    for key in ("doffs_px", "deviation"):
-        values.pop(key, None)  # doffs is compared below; calib.txt has no deviation
-    # Both leave out a ratio of 1.
-    for key, value in ({"fy_over_fx": 1.0} | values).items():
+    recorded = recorded if isinstance(recorded, dict) else {}
+    # Both leave out a ratio of 1. doffs is compared below, and calib.txt has no deviation.
+    for key, value in ({"fy_over_fx": 1.0} | camera.values()).items():
         expected = ({"fy_over_fx": 1.0} | recorded).get(key)
+        if key in ("doffs_px", "deviation"):
+            continue
         # The baseline is stored in millimetres, and fy in px, which may cost a last digit.
         if not (isinstance(expected, int | float) and isclose(value, expected, rel_tol=1e-12, abs_tol=1e-12)):
             verdict.add("calib", f"{key} is {value!r}, in the pair's provenance {expected!r}")

@@ -1,7 +1,7 @@
 """Read a dataset back, with nothing but its files, and report its faults."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from os import PathLike
@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from semisynth_gl.dataset.documents import Index
 from semisynth_gl.dataset.reader import StoredIndex, read_index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
-from semisynth_gl.dataset.root import names_below
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.arguments import to_whole
-from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.files import check_index, check_shard, read_pair
 from semisynth_gl.judge.findings import DATASET, Finding, Verdict
 from semisynth_gl.judge.lens import check_lens
@@ -23,7 +23,6 @@ from semisynth_gl.judge.matching import check_frames, check_masks, check_views
 from semisynth_gl.judge.rays import check_rays
 from semisynth_gl.judge.single_view import check_calibration, check_view
 from semisynth_gl.listener import FinishedPair, Listener
-from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.seeds.spread import spread
 
 RAYED_PAIRS = 4
@@ -35,7 +34,7 @@ class Verification:
     """The result of all checks of a dataset.
 
     Attributes:
-        pairs: number of pairs of the dataset; 0 where its index cannot be read.
+        pairs: number of pairs of the dataset.
         verdicts: the verdict on the dataset as a whole, and then one for each pair.
         no_rays: why no rays were cast, though nobody forbade it; None where there is no such reason.
     """
@@ -77,85 +76,62 @@ def verify(
         on_finding: is called with each fault as soon as it is found.
 
     Raises:
-        InputError: where there is no dataset, or rays are asked for and its scenes cannot be rebuilt.
+        InputError: where there is no finished dataset, or rays are asked for and its scenes cannot be rebuilt.
+        ReadError: where the dataset's index is damaged.
     """
     pixels, listener = to_whole("pixels", pixels, least=1), listener or Listener()
-    rayed = RAYED_PAIRS if rays is None else to_whole("rays", rays, least=0)
-    try:
-        index = read_index(dataset)
-    except ReadError as error:
-        finding = Finding(DATASET, "index", str(error))
-        on_finding(finding)
-        return Verification(0, [Verdict(DATASET, [finding])])
-    plan, no_rays = index.plan, None
-    if rays is None and plan.version != metadata.version("semisynth-gl"):
+    index = read_index(dataset)
+    made, no_rays = index.made, None
+    if made is None:
+        raise InputError(f"{index.address}: {index.fault}")
+    total = sum(made.pairs.values())
+    rayed = spread(total, RAYED_PAIRS if rays is None else to_whole("rays", rays, least=0))
+    if rays is None and made.version != metadata.version("semisynth-gl"):
         # Another version may sample other scenes.
-        rayed, no_rays = 0, f"version {plan.version} made the dataset"
+        rayed, no_rays = [], f"version {made.version} made the dataset"
     try:
-        found = verify_dataset(index, pixels, rayed)
+        scenes = {split: RebuiltScenes(index, split) for split in made.pairs} if rayed else {}
     except InputError as error:
         if rays is not None:
             raise
-        found, no_rays = verify_dataset(index), str(error)
-    keys = [FinishedPair(shard.split, number) for shard in plan.shards for number in range(shard.first, shard.end)]
-    listener.on_total(len(keys))
-    verdicts: list[Verdict] = []
-    for verdict in found:
+        rayed, no_rays, scenes = [], str(error), {}
+    listener.on_total(total)
+    verdicts = []
+    for verdict, pair, frame in _read_pairs(index, made):
+        if pair is not None and frame is not None and len(verdicts) - 1 in rayed:
+            check_rays(frame, scenes[pair.split], pixels, verdict)
         for finding in verdict.findings:
             on_finding(finding)
-        if verdicts:  # the first verdict is about the dataset, not about a pair
-            listener.on_pair(keys[len(verdicts) - 1])
+        if pair is not None:
+            listener.on_pair(pair)
         verdicts.append(verdict)
-    return Verification(len(keys), verdicts, no_rays)
+    return Verification(total, verdicts, no_rays)
 
 
-def verify_dataset(index: StoredIndex, pixels: int = 0, pairs: int | None = None) -> Iterator[Verdict]:
+def _read_pairs(index: StoredIndex, made: Index) -> Iterator[tuple[Verdict, FinishedPair | None, StoredFrame | None]]:
     """Check a dataset: yield a verdict on the dataset itself, and then one on each pair, in the order of the shards.
 
-    The verdict on a shard's first pair also has the findings about the shard.
-
-    Args:
-        index: the dataset's index.
-        pixels: number of pixels of a pair to check with rays; with 0, no scene is rebuilt.
-        pairs: number of pairs, evenly spread, to check with rays; None for all.
-
-    Raises:
-        InputError: where rays are asked for, and the scenes cannot be rebuilt.
+    A pair comes with its frame, None where it cannot be read. The verdict on a shard's first pair also has the findings
+    about the shard.
     """
-    total = sum(index.plan.pairs.values())
-    rayed = spread(total, total if pairs is None else pairs) if pixels else []
-    scenes = {split: RebuiltScenes(index, split) for split in index.plan.pairs} if rayed else {}
-    return _verdicts(index, scenes, pixels, frozenset(rayed))
-
-
-def _verdicts(
-    index: StoredIndex, scenes: Mapping[SplitName, RebuiltScenes], pixels: int, rayed: frozenset[int]
-) -> Iterator[Verdict]:
-    plan, position = index.plan, -1
-    verdict, present = Verdict(DATASET), frozenset(names_below(index.root))
-    # Shards without a record are unfinished: the next run makes them from the start.
-    unmade = {shard for shard in plan.shards if index.fault is not None and shard.record not in present}
-    check_index(index, present, sum(shard.end - shard.first for shard in unmade), verdict)
-    yield verdict
-    recent: deque[StoredFrame | None] = deque(maxlen=plan.views)
-    for shard in plan.shards:
+    verdict = Verdict(DATASET)
+    check_index(index, verdict)
+    yield verdict, None, None
+    recent: deque[StoredFrame | None] = deque(maxlen=made.views)
+    for shard, entry in zip(made.shards, made.shard_entries, strict=True):
         record = None
         for number in range(shard.first, shard.end):
-            position += 1
-            scene = plan.key(shard.split, number).name
-            verdict, frame = Verdict(scene if len(plan.pairs) == 1 else f"{shard.split} {scene}"), None
-            if shard not in unmade:
-                if number == shard.first:
-                    record = check_shard(index, shard, verdict)
-                frame = read_pair(index, shard, record, number, verdict)
+            scene = made.key(shard.split, number).name
+            verdict = Verdict(scene if len(made.pairs) == 1 else f"{shard.split} {scene}")
+            if number == shard.first:
+                record = check_shard(index, shard, entry, verdict)
+            frame = read_pair(index, shard, record, number, verdict)
             if frame is not None:
-                is_next = number // plan.views % plan.config.sequence.length > 0 and len(recent) == plan.views
+                is_next = number // made.views % made.config.sequence.length > 0 and len(recent) == made.views
                 # With V views a scene, the same view of the previous frame was V pairs ago: the oldest of `recent`.
                 _check_frame(frame, recent[0] if is_next else None, index, verdict)
-                if position in rayed:
-                    check_rays(frame, scenes[shard.split], pixels, verdict)
             recent.append(frame)
-            yield verdict
+            yield verdict, FinishedPair(shard.split, number), frame
 
 
 # Arrays hold inf or NaN where nothing is known, and no check judges values that are computed from these.

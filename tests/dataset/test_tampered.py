@@ -165,3 +165,19 @@ def test_a_tar_that_is_cut_or_anothers_is_refused(clean, tmp_path):
     del record["samples"][0]["files"]["00000000.left.png"]
     (dataset / RECORD).write_text(json.dumps(record))
     assert f"{RECORD}: has no entry for 00000000.left.png" in refusal(read_all, dataset)
+
+
+@pytest.mark.parametrize("command", ["verify", "evaluate", "report"])
+def test_commands_end_with_one_message(clean, tmp_path, program, command):
+    dataset = shutil.copytree(clean / "webdataset", tmp_path / "set")
+    path = dataset / INDEX
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"pairs": {"train": "many"}}))
+    arguments = {
+        "verify": [dataset],
+        "evaluate": ["--pred", tmp_path, "--gt", dataset],
+        "report": [dataset, "--out", tmp_path / "page.html"],
+    }[command]
+    code, out, err = program(command, *arguments)
+    assert code == 2
+    assert "index.json: pairs.train: " in err
+    assert "Traceback" not in err

@@ -21,15 +21,13 @@ from planted_faults import (
     findings,
     swap,
 )
-from recorder import Recorder
 from scenes import noise_layers
-from tiny_datasets import SCENES, cheap, lean, tiny
+from tiny_datasets import SCENES, cheap, lean, tiny, verified
 
 from semisynth_gl import Renderer, make_mesh, make_scene
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.png import GREY16
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import View
@@ -37,7 +35,6 @@ from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.matching import check_views
 from semisynth_gl.judge.rays import check_rays
-from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import layout_names
 
 BENCHMARKS = ("middlebury", "kitti", "eth3d", "sceneflow")
@@ -68,9 +65,9 @@ def scene_of(dataset, number=1):
 
 
 def clean(dataset, rays):
-    first, *pairs = verify_dataset(read_index(dataset), rays)
-    assert [str(finding) for verdict in (first, *pairs) for finding in verdict.findings] == []
-    return [verdict.measures for verdict in pairs]
+    found = verified(dataset, rays)
+    assert found.findings == []
+    return [verdict.measures for verdict in found.verdicts[1:]]
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)
@@ -305,19 +302,6 @@ def test_the_oracle_refuses_what_it_cannot_make_again(dataset, key, value):
         findings(dataset, 50)
 
 
-@pytest.mark.parametrize("layout", ["middlebury", "webdataset"])
-def test_of_an_unfinished_dataset_the_finished_shards_are_checked(tmp_path, layout):
-    listener = Recorder(stops_at=lambda pair: pair.index == 3)
-    generate(cheap(name="middlebury"), tmp_path / "set", 7, layout=layout, shard_pairs=3, listener=listener)
-    made = len(list((tmp_path / "set/shards").glob("semisynth-*.json")))
-    unfinished, unmade = map(str, findings(tmp_path / "set"))
-    assert "not finished" in unfinished
-    assert unmade == f"dataset: index: {7 - 3 * made} of 7 pairs not made yet"
-    if layout == "middlebury":
-        shutil.rmtree(scene_of(tmp_path / "set"))
-        assert {finding.scene for finding in findings(tmp_path / "set")} == {"dataset", ONE}
-
-
 def test_digests_and_records_are_compared(dataset):
     path = scene_of(dataset, 0) / "pair.json"
     path.write_text(path.read_text().replace("{", "{ ", 1))
@@ -396,7 +380,9 @@ def test_the_command_tells_what_it_found(call, dataset, tmp_path):
 
 
 def test_the_command_refuses_what_is_no_dataset(call, tmp_path, dataset):
-    for arguments in (("nowhere",), (tmp_path / "none",), (dataset, "--json", tmp_path / "no" / "x.json"), ()):
+    unfinished = shutil.copytree(dataset, tmp_path / "unfinished", symlinks=True)
+    (unfinished / "index.json").unlink()
+    for arguments in (("nowhere",), (unfinished,), (dataset, "--json", tmp_path / "no" / "x.json"), ()):
         code, out, err = call(*arguments)
         assert code == 2
         assert out == ""

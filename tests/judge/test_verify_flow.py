@@ -7,17 +7,15 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from planted_faults import all_findings, at_pixel, change_disparity, change_image, checks, findings, swap
-from tiny_datasets import SCENES, tiny
+from tiny_datasets import SCENES, tiny, verified
 
 from semisynth_gl.codecs import FLOW_CODECS
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, View
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.single_view import check_view
-from semisynth_gl.judge.verify import verify_dataset
 
 # Much motion: the camera's own, and of models that fall, drift and spin.
 SEQUENCE = {
@@ -76,8 +74,9 @@ def change_json(path, change):
 
 @pytest.mark.parametrize("encoding", SUFFIXES)
 def test_a_clean_sequence_has_no_finding(datasets, encoding):
-    first, *pairs = verify_dataset(read_index(datasets / encoding), 200)
-    assert [str(finding) for verdict in (first, *pairs) for finding in verdict.findings] == []
+    found = verified(datasets / encoding, 200)
+    assert found.findings == []
+    _, *pairs = found.verdicts
     allowed = 1e-2 if encoding == "png16" else 2e-3
     # The first frame has none before it.
     assert ["flow_left_frames_median_px" in verdict.measures for verdict in pairs] == [False, True, True]
@@ -297,7 +296,7 @@ def test_only_readable_frames_of_one_sequence_are_compared(copy):
     root = copy()
 
     def compared():
-        return ["flow_left_frames_median_px" in each.measures for each in verify_dataset(read_index(root))][1:]
+        return ["flow_left_frames_median_px" in each.measures for each in verified(root).verdicts][1:]
 
     for length, expected in ((1, [False, False, False]), (2, [False, True, False]), (3, [False, True, True])):
         change_json(root / "index.json", lambda values, n=length: values["config_values"]["sequence"].update(length=n))
