@@ -103,13 +103,6 @@ def unit_of(values: NDArray[np.float64]) -> float:
     return max(float(values.std(ddof=1)), _LEAST * mean) if len(values) > 1 else _UNKNOWN * mean
 
 
-def distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    """Return the Wasserstein-1 distance of samples (N,) and (M,): the area between their distribution functions."""
-    places = np.sort(np.concatenate([first, second]))
-    below = [np.searchsorted(np.sort(each), places[:-1], "right") / len(each) for each in (first, second)]
-    return float(np.abs(below[0] - below[1]) @ np.diff(places))
-
-
 def compare(dataset: Values, place: Values, recipes: Sequence[Mapping[str, Any]]) -> list[Row]:
     """Return a row for each measure that the dataset or the place has.
 
@@ -130,11 +123,13 @@ def _row(
 ) -> Row:
     if len(ours) == 0 or len(theirs) < FEWEST:
         return Row(measure, ours, theirs)
+    from scipy.stats import wasserstein_distance  # noqa: PLC0415 - slow to load
+
     unit = unit_of(theirs)
     if unit == 0:
         # All of the place's numbers are 0, so no deviation tells how far others are off.
         return Row(measure, ours, theirs, advice=advice(measure, recipes, more=False) if ours.any() else "")
-    off, apart = float(ours.mean() - theirs.mean()) / unit, distance(ours, theirs) / unit
+    off, apart = float(ours.mean() - theirs.mean()) / unit, float(wasserstein_distance(ours, theirs)) / unit
     change = ""
     if abs(off) > 1:
         change = advice(measure, recipes, more=off < 0)

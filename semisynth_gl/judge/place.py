@@ -12,7 +12,7 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.comparison import Values, gather
-from semisynth_gl.judge.measured_view import MeasuredView, make_view
+from semisynth_gl.judge.measured_view import make_view
 from semisynth_gl.judge.measures import MEASURES, measure_view
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.images import ImageError, read_image
@@ -71,35 +71,15 @@ def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
 
 
-def map_view(path: Path, width_px: int, png_scale: float = KITTI_DISPARITY.steps) -> MeasuredView:
-    """Return a map at the working width ``width_px``; `read_map` explains the other arguments.
-
-    Raises:
-        InputError: where the map has no disparity.
-        ReadError: where the file cannot be read.
-    """
-    disparity = read_map(path, png_scale)
-    if not np.isfinite(disparity).any():
-        raise InputError(f"{path}: holds no disparity: all of its values are 0 or below, inf or nan")
-    return make_view(width_px, disparity=disparity)
-
-
 def measure_place(
-    photographs: Sequence[Path],
-    maps: Sequence[Path],
-    width_px: int,
-    png_scale: float = KITTI_DISPARITY.steps,
+    photographs: Sequence[Path], maps: Sequence[Path], width_px: int, png_scale: float = KITTI_DISPARITY.steps
 ) -> MeasuredPlace:
-    """Measure a place's photographs and maps at a working width.
+    """Measure a place's photographs and its disparity maps, true or predicted, at the working width ``width_px``.
 
-    Args:
-        photographs: image files.
-        maps: disparity maps, true or predicted.
-        width_px: the working width.
-        png_scale: levels per pixel of disparity in 16-bit PNG.
+    ``png_scale`` is as of `read_map`.
 
     Raises:
-        InputError: where no photograph can be read, or a map has no disparity.
+        InputError: where no photograph can be read.
         ReadError: where a map cannot be read.
     """
     notes, subjects = list[str](), list[dict[str, float]]()
@@ -119,7 +99,7 @@ def measure_place(
             subjects.append({key: float(values.mean()) for key, values in gather(pictures).items() if values.size})
     if not subjects:
         raise InputError(f"no photograph of the place can be read: {'; '.join(notes[:1])}")
-    mapped = [map_view(path, width_px, png_scale) for path in maps]
+    mapped = [make_view(width_px, disparity=read_map(path, png_scale)) for path in maps]
     if narrow:
         notes.append(f"{counted(narrow, 'photograph')} narrower than {width_px} px, not used for detail")
     if sparse := sum(view.surfaces is None for view in mapped):

@@ -177,7 +177,7 @@ def test_commands_end_with_one_message(clean, tmp_path, program, command):
         "evaluate": ["--pred", tmp_path, "--gt", dataset],
         "report": [dataset, "--out", tmp_path / "page.html"],
     }[command]
-    code, out, err = program(command, *arguments)
+    code, _, err = program(command, *arguments)
     assert code == 2
     assert "index.json: pairs.train: " in err
     assert "Traceback" not in err

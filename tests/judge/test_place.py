@@ -7,10 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 from hand_made_datasets import write_dataset
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
-from scipy.stats import wasserstein_distance
 from shared_material import SHARED, needs_shared
 
 from semisynth_gl.cli import main
@@ -19,8 +16,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config, load_config
-from semisynth_gl.inputs.errors import SemisynthError
-from semisynth_gl.judge.comparison import FEWEST, compare, distance, gather, summary
+from semisynth_gl.judge.comparison import FEWEST, compare, gather, summary
 from semisynth_gl.judge.interpolation import fill_holes
 from semisynth_gl.judge.measured_view import WORKING_WIDTH, make_view, mean_luminance
 from semisynth_gl.judge.measures import (
@@ -36,7 +32,7 @@ from semisynth_gl.judge.measures import (
     run_length,
     slant,
 )
-from semisynth_gl.judge.place import map_files, map_view
+from semisynth_gl.judge.place import map_files, read_map
 from semisynth_gl.judge.report import report
 from semisynth_gl.textures.image_files import find_images
 
@@ -178,13 +174,7 @@ def test_a_benchmark_has_photographs_and_maps(tmp_path, image, disparity, codec,
     path = write(tmp_path / disparity, codec.encode(steps()))
     assert find_images([tmp_path]) == [tmp_path / image]
     assert map_files([tmp_path]) == [path]
-    np.testing.assert_array_equal(map_view(path, 64).disparity, steps())
-
-
-@pytest.mark.parametrize("data", [PFM.encode(np.full((48, 64), INF)), b"Pf\n64 48\n-1\n"])
-def test_maps_that_cannot_be_compared_are_named(tmp_path, data):
-    with pytest.raises(SemisynthError, match="disp0GT"):
-        map_view(write(tmp_path / "disp0GT.pfm", data), 64)
+    np.testing.assert_array_equal(read_map(path), steps())
 
 
 # --- the comparison ---
@@ -249,12 +239,6 @@ def test_both_views_of_a_pair_are_one_picture_of_a_place(dataset, tmp_path):
     assert said.place.values["luminance"] == pytest.approx(np.reshape(luminance, (3, 2)).mean(axis=1))
     # Three pictures are too few.
     assert {row.distance for row in said.rows} == {None}
-
-
-@given(*[st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9)] * 2)
-def test_the_distance_of_two_samples_is_that_of_scipy(first, second):
-    ours = distance(np.array(first), np.array(second))
-    assert ours == pytest.approx(wasserstein_distance(first, second), rel=1e-9, abs=1e-6)
 
 
 def row_of(key, dataset, place, recipes=({}, {})):
@@ -364,7 +348,7 @@ def test_advice_names_no_key_that_moves_nothing_in_the_scenes(kinds, sections):
 def test_real_scenes_are_calm_soft_and_mostly_visible():
     found = []
     for path in sorted((SHARED / "real").glob("*/disp0GT.pfm")):
-        found.append(measure_view(map_view(path, WORKING_WIDTH)))
+        found.append(measure_view(make_view(WORKING_WIDTH, disparity=read_map(path))))
         truth = read_disparity_map(path)
         mask = np.asarray(Image.open(path.with_name("mask0nocc.png")))
         known = np.isfinite(truth)
