@@ -1,4 +1,4 @@
-"""The oracle: disparity, visibility, normals and flow by float64 rays, against which the renderer is measured.
+"""The oracle: disparity, normals and flow by float64 rays, against which the renderer is measured.
 
 The oracle judges with the rays of `semisynth_gl.scene.raycast`, which neither the scene sampler nor the renderer uses.
 ``hits`` are the R hits of one eye's rays through the pixel positions ``x_px`` and ``y_px`` (R,). ``models`` are the
@@ -9,28 +9,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
-from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene import Floats, Ints
-from semisynth_gl.scene.raycast import Hits, cast_rays, vertices_in_view
+from semisynth_gl.scene.raycast import Hits, vertices_in_view
 from semisynth_gl.scene.scene import Motion, Scene
-
-# Largest relative difference of the depths at which two rays meet the same point; it covers float64's rounding, and a
-# surface in front of the point is nearer by more.
-_SAME_POINT = 1e-9
-
-
-def disparity_px(camera: StereoCamera, hits: Hits, *, signed: bool = False) -> Floats:
-    """Return the disparities of R hits in a rectified pair, (R,) float64 px.
-
-    The disparity of the sky is -doffs. It is inf where nothing is hit and, unless disparities are ``signed``, where
-    f B / Z - doffs is not positive.
-    """
-    disparity = camera.disparity_px(hits.depth_m)
-    return np.where((hits.instance >= 0) & (signed | (disparity > 0)), disparity, np.inf)
 
 
 def correspondence_px(
@@ -48,42 +32,9 @@ def correspondence_px(
     return np.where(valid[:, None], way, np.inf)
 
 
-def _in_image(camera: StereoCamera, position_px: Floats) -> NDArray[np.bool_]:
-    """Return which columns and rows (R, 2) lie in a pixel of the image, (R,) bool."""
-    inside = (position_px >= -0.5) & (position_px < np.array([camera.width_px, camera.height_px]) - 0.5)
-    return np.asarray(inside.all(axis=1))
-
-
 def disparity_of(eye: Eye, way: Floats) -> Floats:
     """Return the disparities x_left - x_right, (R,), of an eye's displacements (R, 2); inf where they are inf."""
     return way[:, 0] if eye == "right" else np.where(np.isinf(way[:, 0]), np.inf, -way[:, 0])
-
-
-def visibility(
-    scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats, hits: Hits, *, signed: bool = False
-) -> NDArray[np.uint8]:
-    """Return whether the other eye sees the hit points, by a second ray to each point from that eye.
-
-    Returns:
-        (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame.channels`.
-    """
-    camera, other = scene.camera, OTHER_EYE[eye]
-    own = np.stack([x_px, y_px], axis=1).astype(np.float64)
-    way = correspondence_px(camera, eye, own[:, 0], own[:, 1], hits, signed=signed)
-    known = np.isfinite(way[:, 0])
-    position = own + np.where(known[:, None], way, 0)
-    result = np.full(len(own), OUTSIDE, np.uint8)
-    where = np.flatnonzero(known & _in_image(camera, position))
-    second = cast_rays(scene, models, other, position[where, 0], position[where, 1])
-    # Each eye's depths are in its own camera frame.
-    is_far = np.isinf(hits.depth_m[where])
-    points = camera.rays(eye, own[where, 0], own[where, 1]) * np.where(is_far, 1.0, hits.depth_m[where])[:, None]
-    points[:, 0] += camera.offset_m(eye) - camera.offset_m(other)
-    turn = camera.turn(other)
-    depth_m = np.where(is_far, np.inf, points[:, 2] if turn is None else points @ turn[2])
-    hidden = second.depth_m < depth_m * (1 - _SAME_POINT)
-    result[where] = np.where(hidden, OCCLUDED, VISIBLE)
-    return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,13 +46,12 @@ class Flows:
             near plane at the other moment.
         disparity_change_px: (R,) float64, for rectified pairs; inf where the flow is, and where the disparity is not
             valid at one of the moments.
-        visibility: (R,) uint8, whether the same eye sees the point at the other moment: VISIBLE, OCCLUDED or OUTSIDE of
-            `semisynth_gl.frame.channels`.
+        depth_m: (R,) float64, the depths of the points at the other moment, inf in the sky.
     """
 
     flow_px: Floats
     disparity_change_px: Floats
-    visibility: NDArray[np.uint8]
+    depth_m: Floats
 
 
 def flow(
@@ -146,17 +96,11 @@ def flow(
         position = np.array(focal) * later[:, :2] / later[:, 2:] + (cx, cy)
         later_m = np.where(is_sky, np.inf, later[:, 2])
         disparity, later_disparity = camera.disparity_px(hits.depth_m), camera.disparity_px(later_m)
-    visibility = np.full(len(x), OUTSIDE, np.uint8)
-    where = np.flatnonzero(seen & _in_image(camera, position))
-    later_hits = cast_rays(motion.scene, models, eye, position[where, 0], position[where, 1])
-    gone = motion.instance[hits.instance[where]] < 0
-    hidden = gone | (later_hits.depth_m < later_m[where] * (1 - _SAME_POINT))
-    visibility[where] = np.where(hidden, OCCLUDED, VISIBLE)
     valid = seen & (signed | ((disparity > 0) & (later_disparity > 0)))
     return Flows(
         np.where(seen[:, None], position - np.stack([x, y], axis=1), np.inf),
         np.where(valid, later_disparity - disparity, np.inf),
-        visibility,
+        later_m,
     )
 
 

@@ -9,7 +9,6 @@ from exr import read_exr
 from peer_semisynth_gl import own_models, own_scene
 from scene import PeerScene
 
-from semisynth_gl import oracle
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.scene.raycast import cast_rays
 
@@ -44,14 +43,14 @@ def cast_truth(scene: PeerScene, frames: Sequence[int], rays: int = 3000) -> Tru
         drawn = own_scene(scene, frame)
         row, column = rng.integers(0, scene.height_px, rays), rng.integers(0, scene.width_px, rays)
         hits = cast_rays(drawn, models, "left", column.astype(np.float64), row.astype(np.float64))
-        disparity = oracle.disparity_px(drawn.camera, hits)
-        kept = np.isfinite(disparity)
+        disparity = drawn.camera.disparity_px(hits.depth_m)
+        kept = (hits.instance >= 0) & (disparity > 0)
         for x, y in _AROUND:
             near = cast_rays(drawn, models, "left", column + _FROM_CREASE_PX * x, row + _FROM_CREASE_PX * y)
             kept &= (near.instance == hits.instance) & (near.triangle == hits.triangle)
             far = cast_rays(drawn, models, "left", column + _FROM_EDGE_PX * x, row + _FROM_EDGE_PX * y)
             kept &= far.instance == hits.instance
-            kept &= np.abs(oracle.disparity_px(drawn.camera, far) - disparity) < _JUMP_PX * _FROM_EDGE_PX
+            kept &= np.abs(drawn.camera.disparity_px(far.depth_m) - disparity) < _JUMP_PX * _FROM_EDGE_PX
         truth.row[frame], truth.column[frame] = row[kept], column[kept]
         truth.disparity_px[frame] = disparity[kept]
     return truth

@@ -11,7 +11,6 @@ from semisynth_gl.cli.outputs import OutputFile, table, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.seeds.splits import SPLITS
 
 
 @click.command(cls=Command)
@@ -34,7 +33,6 @@ from semisynth_gl.seeds.splits import SPLITS
     help="How many pairs to show, evenly spread over the dataset; outliers are added to these.",
 )
 @option("--sample", type=COUNT, default=200, help="How many pairs to measure, evenly spread over the dataset.")
-@option("--split", type=click.Choice(SPLITS), help="Report only on this split.")
 def report(directory: str, out: Path | None, json_file: Path | None, **options: Any) -> None:  # noqa: ANN401 - of the function that reports
     """Write one HTML page about a dataset: pairs, distributions, outliers, and the settings that made it.
 

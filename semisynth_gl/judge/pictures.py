@@ -20,9 +20,12 @@ COLOUR_MAP = "inferno"
 """The colour map of disparities: perceptually uniform, and dark at small disparities."""
 WIDEST_PX = 1024
 """Wider pairs are embedded at 1/2, 1/3 ... of their size, so that they are at most this wide."""
-NO_DISPARITY, HIDDEN, BEYOND = (64, 96, 192), (230, 97, 0), (93, 58, 155)
-"""Colours of pixels without disparity, of occluded pixels, and of pixels outside the right view, RGB. The colour map
-has no blue, and readers of any colour vision can tell the masks apart."""
+MASKS = {
+    "hidden in the right view": (230, 97, 0),
+    "outside the right view": (93, 58, 155),
+    "no disparity": (64, 96, 192),
+}
+"""The colours of masks, RGB. The colour map has no blue, and readers of any colour vision can tell the masks apart."""
 
 # Quantiles of disparity between which the colours run: a small near object would otherwise use up most of them.
 _COLOURED = (0.01, 0.99)
@@ -55,12 +58,12 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
     shares = (np.nan_to_num(disparity, posinf=low) - low) / ((high - low) or 1.0)
     colours = colormaps[COLOUR_MAP](np.linspace(0, 1, 255), bytes=True)[:, :3].tolist()
     numbers = np.where(np.isfinite(disparity), np.rint(254 * shares.clip(0, 1)), 255)
-    embedded["disparity"] = _overlay(numbers, [*colours, NO_DISPARITY])
+    embedded["disparity"] = _overlay(numbers, [*colours, MASKS["no disparity"]])
     masks = np.zeros(disparity.shape)
     if "visibility" in frame.left:
         masks += (frame.left.visibility[grid] == OCCLUDED) + 2 * (frame.left.visibility[grid] == OUTSIDE)
     masks[~np.isfinite(disparity)] = 3
-    embedded["masks"] = _overlay(masks, [(0, 0, 0), HIDDEN, BEYOND, NO_DISPARITY], transparency=0)
+    embedded["masks"] = _overlay(masks, [(0, 0, 0), *MASKS.values()], transparency=0)
     data = zlib.compress(np.ascontiguousarray(disparity, "<f4").tobytes())
     return embedded | {"values": b64encode(data).decode("ascii")}
 

@@ -9,21 +9,19 @@ from typing import Any
 import numpy as np
 
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.dataset.reader import Dataset, read_index
+from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation, wasserstein_px
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.judge.charts import draw_report
 from semisynth_gl.judge.comparison import MeasuredPair, Row, compare, find_outliers, gather, table
 from semisynth_gl.judge.measured_view import make_view, working_width
 from semisynth_gl.judge.measures import measure_view
-from semisynth_gl.judge.pictures import BEYOND, HIDDEN, NO_DISPARITY, embed_pair
+from semisynth_gl.judge.pictures import MASKS, embed_pair
 from semisynth_gl.judge.place import MeasuredPlace, map_files, measure_place
 from semisynth_gl.listener import FinishedPair, Listener
-from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.image_files import find_images
 
@@ -73,7 +71,6 @@ def report(
     png_scale: float = KITTI_DISPARITY.steps,
     pairs: int = 12,
     sample: int = 200,
-    split: SplitName | None = None,
     listener: Listener | None = None,
 ) -> Report:
     """Measure a dataset and render its page, as ``semisynth-gl report`` does. Equal datasets give equal pages.
@@ -86,16 +83,14 @@ def report(
         pairs: number of pairs to show, evenly spread; the page shows up to three outliers in addition. With 0, it shows
             no pair.
         sample: number of pairs to measure, evenly spread; never fewer than ``pairs``.
-        split: a split of the dataset; None for all splits.
         listener: is told the number of pairs to measure, and each measured pair.
 
     Raises:
-        InputError: where there is no dataset, it is not finished or has no such split, or there is no such photograph
-            or map, or a map cannot be used.
+        InputError: where there is no finished dataset, or there is no such photograph or map.
         ReadError: where a pair or a map cannot be read.
     """
     pairs, sample = to_whole("pairs", pairs, least=0), to_whole("sample", sample, least=1)
-    opened = Dataset(read_index(dataset), split)
+    opened = open_dataset(dataset)
     config = opened.about.plan.config
     width_px, png_scale = working_width(config.camera.width_px), to_real("png_scale", png_scale, least=LEAST)
     image_names, map_names = names_of(images), names_of(disparity)
@@ -110,34 +105,24 @@ def report(
     shown = [measured[number] for number in spread(len(measured), pairs)]
     shown += [outlier.pair for outlier in outliers[: _SHOWN_OUTLIERS * bool(shown)]]
     by_position = {pair.position: pair for pair in shown}
-    assets = data_root("assets")
-    page = (
-        template_environment()
-        .get_template("report.html")
-        .render(
-            style=assets.joinpath("report.css").read_text("utf-8"),
-            script=assets.joinpath("report.js").read_text("utf-8"),
-            name=config.name,
-            measured=len(measured),
-            pairs=len(opened),
-            width_px=width_px,
-            facts=_facts(opened, split, target, achieved),
-            config=json.dumps(config.model_dump(mode="json"), indent=1),
-            chart=draw_report(achieved, target, rows),
-            place=place,
-            table=table(rows),
-            outliers=outliers,
-            numbers={position: number for number, position in enumerate(by_position)},
-            embedded=[
-                embed_pair(opened[position]) | {"name": pair.name, "recipe": pair.recipe}
-                for position, pair in by_position.items()
-            ],
-            colours={
-                "hidden in the right view": HIDDEN,
-                "outside the right view": BEYOND,
-                "no disparity": NO_DISPARITY,
-            },
-        )
+    template = template_environment().get_template("report.html")
+    page = template.render(
+        name=config.name,
+        measured=len(measured),
+        pairs=len(opened),
+        width_px=width_px,
+        facts=_facts(opened, target, achieved),
+        config=json.dumps(config.model_dump(mode="json"), indent=1),
+        chart=draw_report(achieved, target, rows),
+        place=place,
+        table=table(rows),
+        outliers=outliers,
+        numbers={position: number for number, position in enumerate(by_position)},
+        embedded=[
+            embed_pair(opened[position]) | {"name": pair.name, "recipe": pair.recipe}
+            for position, pair in by_position.items()
+        ],
+        colours=MASKS,
     )
     return Report(page, measured, width_px, achieved, target, rows, place)
 
@@ -162,7 +147,7 @@ def _measure(
     return pairs, count.histogram if count.counts.any() else None
 
 
-def _facts(dataset: Dataset, split: SplitName | None, target: Histogram, achieved: Histogram | None) -> dict[str, str]:
+def _facts(dataset: Dataset, target: Histogram, achieved: Histogram | None) -> dict[str, str]:
     """Return what made a dataset, and how far its disparities are from the target, by name."""
     plan, made = dataset.about.plan, dataset.about.made
     codecs = f"images {plan.encodings.image.name}, disparities {plan.encodings.disparity.name}"
@@ -175,7 +160,7 @@ def _facts(dataset: Dataset, split: SplitName | None, target: Histogram, achieve
         "truth": f"{plan.config.truth}; {', '.join(plan.config.outputs)}",
     }
     if made is not None:
-        redraws = sum(entry.redraws for entry in made.shard_entries if split in (None, entry.split))
+        redraws = sum(entry.redraws for entry in made.shard_entries)
         facts["redrawn"] = f"{redraws:,} attempts failed the config's checks and were rendered anew"
         facts["renderers"] = ", ".join(made.renderers)
     if achieved is not None:

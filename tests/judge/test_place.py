@@ -280,7 +280,6 @@ def test_what_is_left_out_is_said(run, dataset, tmp_path):
         ("{set} --images {photos} --disparity {photos}", "no disparity map"),
         ("{set} --disparity {photos}", "--images"),
         ("{set} --images {photos} --png-scale nan", "--png-scale"),
-        ("{set} --split test", "split"),
         ("{set} --out a.txt", "--out"),
     ],
 )

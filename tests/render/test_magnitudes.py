@@ -13,7 +13,6 @@ from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_units import make_model
 from semisynth_gl.inputs.errors import BackendError, InputError
-from semisynth_gl.oracle import disparity_px
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import move
@@ -96,7 +95,7 @@ def check(numbers, antialias="none"):
         away = [far for near in (1 / 1024, 1 / 256, 1 / 64, aside) for far in (near, -near)]
         for right, down in ((0, 0), *((far, 0) for far in away), *((0, far) for far in away)):
             hits = cast_rays(scene, [wall], eye, x + right, y + down)
-            around.append(disparity_px(camera, hits, signed=True))
+            around.append(np.where(hits.instance >= 0, camera.disparity_px(hits.depth_m), np.inf))
         expected, found = np.array(around), view.disparity.ravel().astype(float)
         finite, known = np.isfinite(found), np.isfinite(expected)
         assert known[:, finite].any(axis=0).all()

@@ -5,6 +5,7 @@ from functools import cache, cached_property
 
 import numpy as np
 import pytest
+from ray_masks import flow_visibility, visibility
 from scene_table import CASES, of
 from scenes import assert_equal
 
@@ -158,7 +159,7 @@ def check_mask(pixels, name, expected):
 
 def check_visibility(pixels):
     args = pixels.scene, pixels.models, pixels.eye, pixels.x, pixels.y, pixels.hits
-    check_mask(pixels, "visibility", oracle.visibility(*args, signed=pixels.signed))
+    check_mask(pixels, "visibility", visibility(*args, signed=pixels.signed))
 
 
 def check_correspondence(pixels):
@@ -178,7 +179,7 @@ def check_flow(pixels):
         both = pixels.off_edges & np.isfinite(expected.flow_px).all(axis=1)
         if both.any():
             assert np.quantile(np.abs(pixels[name][both] - expected.flow_px[both]), 0.999) < 2e-4
-        check_mask(pixels, f"{name}_visibility", expected.visibility)
+        check_mask(pixels, f"{name}_visibility", flow_visibility(motion, pixels.models, *args, expected))
         if name == "flow" and "disparity_change" in pixels.view:
             change = pixels["disparity_change"]
             has = np.isfinite(expected.disparity_change_px)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from samplers import catalogue, static_scene_of
 from tiny_datasets import CLUTTER_ALONE
 
-from semisynth_gl import load_config, oracle, render_pair
+from semisynth_gl import load_config, render_pair
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.instances import to_scene
@@ -56,7 +56,9 @@ def seen_px(static: StaticScene, camera: StereoCamera, time_s: float = 0.0) -> n
     )
     scene = to_scene(static.instances, camera, static.rig.near_m, static.rig.sway.camera_from_world(time_s))
     hits = [cast_rays(scene, catalogue().models, eye, x_px.ravel(), y_px.ravel()) for eye in EYES]
-    return np.concatenate([oracle.disparity_px(camera, each) for each in hits])
+    instance, depth_m = (np.concatenate([getattr(each, name) for each in hits]) for name in ("instance", "depth_m"))
+    disparity = camera.disparity_px(depth_m)
+    return np.where((instance >= 0) & (disparity > 0), disparity, np.inf)
 
 
 @st.composite
