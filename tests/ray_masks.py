@@ -31,7 +31,8 @@ def flow_visibility(motion, models, eye, x_px, y_px, hits, flows):
     """Return whether an eye sees the hit points at the other moment, (R,) uint8; things that are gone are occluded."""
     position_px = np.stack([x_px, y_px], axis=1) + flows.flow_px
     mask = seen(motion.scene, models, eye, position_px, flows.depth_m)
-    mask[(mask == VISIBLE) & (motion.instance[hits.instance] < 0)] = OCCLUDED
+    visible = np.flatnonzero(mask == VISIBLE)
+    mask[visible[motion.instance[hits.instance[visible]] < 0]] = OCCLUDED
     return mask
 
 

@@ -1,7 +1,6 @@
 """Judges of datasets and predictions: `verify`, `report` and `evaluate`."""
 
 from semisynth_gl.judge.comparison import MeasuredPair, Row
-from semisynth_gl.judge.evaluate import evaluate_views, unconfirmed
 from semisynth_gl.judge.measures import MEASURES, Measure
 from semisynth_gl.judge.place import MeasuredPlace
 from semisynth_gl.judge.protocol import PROTOCOLS, Protocol, ProtocolName, Truth
@@ -16,6 +15,4 @@ __all__ = [
     "ProtocolName",
     "Row",
     "Truth",
-    "evaluate_views",
-    "unconfirmed",
 ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike, fspath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -95,27 +96,19 @@ def _finite(figures: dict[str, float]) -> dict[str, float | None]:
     return {name: float(value) if np.isfinite(value) else None for name, value in figures.items()}
 
 
-def evaluate_views(predictions: str | PathLike[str], predictions_right: str | PathLike[str]) -> dict[str, Any]:
-    """Judge predictions for both views of some pairs, as ``semisynth-gl evaluate --pred-right`` does.
-
-    Args:
-        predictions: a folder with a .pfm, .npy or 16-bit .png file for each pair's left view.
-        predictions_right: a folder with a file for each pair's right view, with the same path but for the extension.
+def evaluate_views(predictions: Path, predictions_right: Path) -> dict[str, Any]:
+    """Judge the maps of a left view's folder by those of a right view's folder with the same paths.
 
     Returns:
         The content of ``--json``, in JSON's types: ``confirmed_px`` (see `CONFIRMED_PX`), the number of ``pairs``,
         ``mean`` with the mean of the pairs as ``unconfirmed``, and ``images`` with each pair's ``name``, its files
-        ``left`` and ``right``, and ``unconfirmed`` in percent (see `unconfirmed`).
-
-    Raises:
-        InputError: where a folder does not exist, the folders have other names or none, or the sizes of maps differ.
-        ReadError: where a file cannot be read.
+        ``left`` and ``right``, and ``unconfirmed`` in percent.
     """
     lefts, rights = (
         {path.relative_to(folder).with_suffix("").as_posix(): path for path in disparity_maps(folder, argument)}
         for argument, folder in (
-            ("predictions", expanded(fspath(predictions))),
-            ("predictions_right", expanded(fspath(predictions_right))),
+            ("predictions", expanded(predictions)),
+            ("predictions_right", expanded(predictions_right)),
         )
     )
     if not lefts or lefts.keys() != rights.keys():
@@ -133,17 +126,11 @@ def evaluate_views(predictions: str | PathLike[str], predictions_right: str | Pa
 
 
 def unconfirmed(left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
-    """Return the share of a left view's pixels, in percent, whose disparity the right view does not confirm.
+    """Return the share of a left view's pixels (H, W), in percent, whose disparity the right view does not confirm.
 
-    A left pixel with disparity d is compared with the right view's pixel nearest to x - d. Pixels without a disparity
+    A left pixel with disparity d is compared with the right view's pixel nearest to x - d. Pixels without disparity
     count as unconfirmed, and so do occluded ones; pixels whose point lies outside the right image do not count.
-
-    Args:
-        left: (H, W) float32 px, predicted for the left view; not finite where there is no disparity.
-        right: (H, W) float32 px, predicted for the right view; both views have disparities of x_left - x_right.
-
-    Raises:
-        InputError: where the sizes differ, or no disparity leads into the right image.
+    Raises InputError where the sizes differ, or no disparity leads into the right image.
     """
     if left.shape != right.shape:
         raise InputError(f"the left view has {shown_size(left)}, the right one {shown_size(right)}: expected one size")

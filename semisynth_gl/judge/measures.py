@@ -29,7 +29,7 @@ Floats = NDArray[np.float32]
 
 def jumps(surfaces: Floats) -> float:
     """Return the share of neighbours in a row between which the disparity jumps, %."""
-    return 100 * float((np.abs(np.diff(surfaces)) > JUMP_PX).mean()) if surfaces.shape[1] > 1 else float("nan")
+    return 100 * float((np.abs(np.diff(surfaces)) > JUMP_PX).mean())
 
 
 def run_length(surfaces: Floats) -> float:
@@ -66,8 +66,6 @@ def occluded(disparity: Floats, _: Floats) -> float:
 def slant(surfaces: Floats) -> float:
     """Return the mean length of the gradient of disparity, px per px, over 16 px without a jump in row and column."""
     half, slopes = _SLANT_SPAN_PX // 2, []
-    if min(surfaces.shape) <= _SLANT_SPAN_PX:
-        return float("nan")
     for values in (surfaces, surfaces.T):
         passed = np.pad(np.cumsum(np.abs(np.diff(values)) > JUMP_PX, axis=1), ((0, 0), (1, 0)))
         slope = (values[:, _SLANT_SPAN_PX:] - values[:, :-_SLANT_SPAN_PX]) / _SLANT_SPAN_PX
@@ -92,8 +90,7 @@ def mean_disparity(disparity: Floats) -> float:
 
 def flat(luminance: Floats) -> float:
     """Return the share of squares of 9 x 9 pixels whose standard deviation is below 4 levels, %."""
-    squares = _squares(luminance, _FLAT_SIDE)
-    return 100 * float((squares.std(axis=(1, 3)) < _FLAT_LEVELS).mean()) if squares.size else float("nan")
+    return 100 * float((_squares(luminance, _FLAT_SIDE).std(axis=(1, 3)) < _FLAT_LEVELS).mean())
 
 
 def fine_detail(luminance: Floats) -> float:
@@ -105,8 +102,6 @@ def fine_detail(luminance: Floats) -> float:
     levels, contrasts = luminance, list[float]()
     for _ in range(3):
         blocks = _squares(levels, 2)
-        if not blocks.size:
-            return float("nan")
         levels = blocks.mean(axis=(1, 3))
         contrasts.append(float(np.sqrt(np.mean((blocks - levels[:, None, :, None]) ** 2))))
     finest, _, third = contrasts
@@ -115,8 +110,7 @@ def fine_detail(luminance: Floats) -> float:
 
 def gradient(luminance: Floats) -> float:
     """Return the mean length of the luminance's gradient between neighbouring pixels, levels per px."""
-    lengths = np.hypot(np.diff(luminance, axis=1)[1:], np.diff(luminance, axis=0)[:, 1:])
-    return float(lengths.mean()) if lengths.size else float("nan")
+    return float(np.hypot(np.diff(luminance, axis=1)[1:], np.diff(luminance, axis=0)[:, 1:]).mean())
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.errors import InputError, ReadError
-from semisynth_gl.judge import evaluate_views, unconfirmed
+from semisynth_gl.judge.evaluate import evaluate_views, unconfirmed
 from semisynth_gl.judge.truth import find_truth, read_limits
 
 INF = np.float32(np.inf)
