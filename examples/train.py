@@ -127,7 +127,7 @@ class StereoModule(lightning.LightningModule):
     def validation_step(self, pair: dict[str, Any], number: int, dataloader_idx: int = 0) -> None:
         """Log the figures of a real pair, and a picture of the first one."""
         found = self.predict_disparity(pair["left"], pair["right"]).cpu().numpy()
-        figures = score(found, pair["truth"], pair["protocol"]).figures()
+        figures = score(found, pair["truth"], pair["protocol"])
         for name in COLUMNS:
             self.log(f"{pair['set']}: {name}", figures[name], batch_size=1, sync_dist=True, add_dataloader_idx=False)
         if number == dataloader_idx == 0 and isinstance(self.logger, TensorBoardLogger):

@@ -22,7 +22,6 @@ from .inputs.errors import SemisynthError as SemisynthError
 from .judge.evaluate import evaluate as evaluate
 from .judge.report import Report as Report
 from .judge.report import report as report
-from .judge.score import Score as Score
 from .judge.score import score as score
 from .judge.verify import Verification as Verification
 from .judge.verify import verify as verify

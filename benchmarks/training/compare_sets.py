@@ -49,7 +49,7 @@ def judged(checkpoint: Path, folders: Sequence[Path]) -> dict[str, float]:
         for number in range(len(pairs)):
             pair = pairs[number]
             found = predict.predict(module, pair["left"], pair["right"])
-            shares[pair["name"]] = score(found, pair["truth"].disparity, pairs.protocol).figures()[_FIGURE]
+            shares[pair["name"]] = score(found, pair["truth"].disparity, pairs.protocol)[_FIGURE]
     return shares
 
 

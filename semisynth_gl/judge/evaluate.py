@@ -14,7 +14,7 @@ from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.error_map import draw_error_map
 from semisynth_gl.judge.protocol import ProtocolName, find_protocol, shown_size
-from semisynth_gl.judge.score import Score, mean_figures, tally
+from semisynth_gl.judge.score import Sums, figures, mean_figures, tally
 from semisynth_gl.judge.truth import TruePair, disparity_maps, find_predictions, find_truth
 from semisynth_gl.seeds.splits import SplitName
 
@@ -44,9 +44,9 @@ def evaluate(
 
     Returns:
         The content of ``--json``, in JSON's types: ``protocol``, ``source``, ``unit``, the number of ``pairs``,
-        ``mean`` (figures by name, for the regions ``all`` and ``non-occluded``) and ``images`` (for each pair its
-        ``name``, ``prediction``, counts of ``pixels`` by region, and ``figures`` as in ``mean``). `Score.figures`
-        explains the figures; figures that are not finite are None.
+        ``mean`` (figures by name, see `score`, for the regions ``all`` and ``non-occluded``) and ``images`` (for each
+        pair its ``name``, ``prediction``, counts of ``pixels`` by region, and ``figures`` as in ``mean``). Figures that
+        are not finite are None.
 
     Raises:
         InputError: where a folder or a protocol does not exist, names or sizes do not fit, or predictions are missing.
@@ -57,7 +57,7 @@ def evaluate(
     files = find_predictions(folder, true_set.pairs)
     if maps is not None and expanded(fspath(maps)).resolve() in (folder.resolve(), expanded(fspath(truth)).resolve()):
         raise InputError(f"{maps}: has predictions or truth; name another folder", argument="maps")
-    scores: dict[str, dict[str, Score]] = {}
+    regions: dict[str, dict[str, Sums]] = {}
     images: list[dict[str, Any]] = []
     for pair, path in zip(progress(true_set.pairs), files, strict=True):
         known = pair.read()
@@ -73,10 +73,9 @@ def evaluate(
         image: dict[str, Any] = {"name": pair.name, "prediction": str(path), "pixels": {}, "figures": {}}
         for region, mask in {"all": None, "non-occluded": known.visible}.items():
             if region == "all" or mask is not None:
-                score = tally(comparison, rules, mask)
-                scores.setdefault(region, {})[pair.name] = score
-                image["pixels"][region] = {name: score.sums[name] for name in ("judged", "estimated", "scored")}
-                image["figures"][region] = _finite(score.figures())
+                regions.setdefault(region, {})[pair.name] = sums = tally(comparison, rules, mask)
+                image["pixels"][region] = {name: sums[name] for name in ("judged", "estimated", "scored")}
+                image["figures"][region] = _finite(figures(sums, rules))
         images.append(image)
         if maps is not None:
             picture = expanded(fspath(maps)) / f"{pair.name}.png"
@@ -87,13 +86,13 @@ def evaluate(
         "source": rules.source,
         "unit": "percent" if rules.full_share == 100 else "fraction",
         "pairs": len(images),
-        "mean": {region: _finite(mean_figures(of_region)) for region, of_region in scores.items()},
+        "mean": {region: _finite(mean_figures(of_region, rules)) for region, of_region in regions.items()},
         "images": images,
     }
 
 
-def _finite(figures: dict[str, float]) -> dict[str, float | None]:
-    return {name: float(value) if np.isfinite(value) else None for name, value in figures.items()}
+def _finite(values: dict[str, float]) -> dict[str, float | None]:
+    return {name: float(value) if np.isfinite(value) else None for name, value in values.items()}
 
 
 def evaluate_views(predictions: Path, predictions_right: Path) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Counts and sums over the pixels of an image, and the figures that follow from them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf, nan
 
 import numpy as np
@@ -11,57 +11,12 @@ from semisynth_gl.inputs.arguments import to_array
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.protocol import PixelComparison, Protocol, ProtocolName, Truth, find_protocol
 
-QUANTILES = (0.5, 0.9, 0.95, 0.99)
 _THRESHOLDS_PX = {f"bad-{threshold:g}": threshold for threshold in (0.5, 1.0, 2.0, 4.0)}
+_QUANTILES = {f"A{100 * quantile:g}": quantile for quantile in (0.5, 0.9, 0.95, 0.99)}
 _OUTLIER_PX, _OUTLIER_SHARE = 3.0, 0.05
 
-
-@dataclass(frozen=True, slots=True)
-class Score:
-    """Counts and sums over some pixels of an image, or of several.
-
-    Attributes:
-        protocol: the benchmark's definitions.
-        sums: what adds up over images, by name. ``judged``: number of pixels where a disparity was asked for;
-            ``estimated``: those for which the prediction itself has a value; ``scored``: those whose error counts;
-            ``rated``: those that shares count, which are the scored ones or, where an invalid prediction is bad, all.
-            ``bad-0.5`` to ``bad-4``: rated pixels with a larger error; an equal error is not bad. ``outliers``: rated
-            pixels that are off by more than 3 px and more than 5 %, see `is_outlier`; ``outliers_estimated``: those
-            among the estimated pixels. ``sum_px`` and ``sum_squared_px2``: sums of the scored pixels' errors and of
-            their squares. With a map of objects, ``judged-bg``, ``outliers-bg``, ``judged-fg`` and ``outliers-fg``.
-        quantiles_px: errors that the shares `QUANTILES` of the scored pixels do not exceed; see `error_quantiles`.
-    """
-
-    protocol: Protocol
-    sums: Mapping[str, float]
-    quantiles_px: tuple[float, ...]
-
-    def figures(self) -> dict[str, float]:
-        """Return the figures that docs/evaluate.md defines, by name: shares in the protocol's unit, and px.
-
-        All figures are NaN where no pixel was judged. If pixels were judged, but none was scored, all of them are bad,
-        and errors are infinite under ETH3D's protocol and NaN under Middlebury's, as in their evaluators.
-        """
-        sums, full = self.sums, self.protocol.full_share
-        judged, estimated, scored, rated = (sums[name] for name in ("judged", "estimated", "scored", "rated"))
-
-        def share(count: float, total: float) -> float:
-            return nan if judged == 0 else (full * count / total if total else full)
-
-        mean_px, mean_squared_px2 = (sums[name] / max(scored, 1) for name in ("sum_px", "sum_squared_px2"))
-        parts = [part for part in ("bg", "fg") if f"judged-{part}" in sums]
-        return {
-            **{name: share(sums[name], rated) for name in _THRESHOLDS_PX},
-            **{f"D1-{part}": _ratio(sums[f"outliers-{part}"], sums[f"judged-{part}"]) for part in parts},
-            "D1-all": share(sums["outliers"], rated),
-            "D1-est": full * _ratio(sums["outliers_estimated"], estimated),
-            "avgerr": mean_px,
-            # Squares in float32, summed in double, and the root of a float32 give the same digits as ETH3D's evaluator.
-            "rms": float(np.sqrt(np.float32(mean_squared_px2))),
-            **{f"A{100 * q:g}": value for q, value in zip(QUANTILES, self.quantiles_px, strict=True)},
-            "coverage": share(estimated, judged),
-            "invalid": share(judged - estimated, judged),
-        }
+Sums = Mapping[str, float]
+"""What `tally` counts of an image, or of several."""
 
 
 def score(
@@ -70,8 +25,12 @@ def score(
     protocol: ProtocolName,
     *,
     mask: NDArray[np.bool_] | None = None,
-) -> Score:
-    """Score a prediction against the truth by a benchmark's definitions.
+) -> dict[str, float]:
+    """Return the figures of a prediction by a benchmark's definitions, by the names that docs/evaluate.md defines.
+
+    Shares are in percent or fractions, as the benchmark has them, and errors in px. All figures are NaN where no pixel
+    was judged. If pixels were judged, but none was scored, all of them are bad, and errors are infinite under ETH3D's
+    protocol and NaN under Middlebury's, as in their evaluators.
 
     Args:
         prediction: (H, W) floats, px; the protocol decides which values are invalid. Middlebury also takes predictions
@@ -90,13 +49,20 @@ def score(
     if values.ndim != 2 or truth.disparity.ndim != 2:
         raise InputError(f"expected arrays (H, W), got the shapes {values.shape} and {truth.disparity.shape}")
     truth = replace(truth, visible=None if mask is None else np.asarray(mask, bool))
-    return tally(rules.compare(values, truth), rules, truth.visible)
+    return figures(tally(rules.compare(values, truth), rules, truth.visible), rules)
 
 
-def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool_] | None) -> Score:
+def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool_] | None) -> Sums:
     """Count the pixels of a comparison where a mask (H, W) is True, or all of them.
 
-    A pooled protocol counts outliers in the background and on objects too, if the truth has a map of objects.
+    Returns:
+        ``judged``: number of pixels where a disparity was asked for; ``estimated``: those for which the prediction
+        itself has a value; ``scored``: those whose error counts; ``rated``: those that shares count, which are the
+        scored ones or, where an invalid prediction is bad, all. ``bad-0.5`` to ``bad-4``: rated pixels with a larger
+        error; an equal error is not bad. ``outliers``: rated pixels that are off by more than 3 px and more than 5 %,
+        see `is_outlier`; ``outliers_estimated``: those among the estimated pixels. ``sum_px`` and ``sum_squared_px2``:
+        sums of the scored pixels' errors and of their squares. ``A50`` to ``A99``: see `error_quantiles`. With a map of
+        objects and a pooled protocol, ``judged-bg``, ``outliers-bg``, ``judged-fg`` and ``outliers-fg``.
     """
     judged, scored = comparison.judged, comparison.scored
     if mask is not None:
@@ -118,15 +84,38 @@ def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool
         for part, within in (("bg", objects[scored] == 0), ("fg", objects[scored] > 0)):
             # KITTI fills holes, so it scores all judged pixels.
             counts |= {f"judged-{part}": within.sum(), f"outliers-{part}": (outlier & within).sum()}
+    whole = {name: int(count) for name, count in counts.items()}
     if not error.size:
         worst = inf if judged.any() and protocol.invalid != "bad" else nan
-        totals, quantiles = {"sum_px": worst, "sum_squared_px2": worst}, (worst,) * len(QUANTILES)
-    else:
-        # ETH3D sums in double too. Middlebury's kit sums in float32, which is off from the 3rd digit on at 1500 x 1000.
-        with np.errstate(over="ignore"):
-            sums = {"sum_px": error.sum(dtype=np.float64), "sum_squared_px2": np.square(error).sum(dtype=np.float64)}
-        totals, quantiles = {name: float(total) for name, total in sums.items()}, error_quantiles(error)
-    return Score(protocol, {name: int(count) for name, count in counts.items()} | totals, quantiles)
+        return whole | dict.fromkeys(("sum_px", "sum_squared_px2", *_QUANTILES), worst)
+    # ETH3D sums in double too. Middlebury's kit sums in float32, which is off from the 3rd digit on at 1500 x 1000.
+    with np.errstate(over="ignore"):
+        sums = {"sum_px": error.sum(dtype=np.float64), "sum_squared_px2": np.square(error).sum(dtype=np.float64)}
+    return whole | {name: float(total) for name, total in sums.items()} | error_quantiles(error)
+
+
+def figures(sums: Sums, protocol: Protocol) -> dict[str, float]:
+    """Return the figures, as `score` does, that follow from the sums of an image or of several."""
+    full = protocol.full_share
+    judged, estimated, scored, rated = (sums[name] for name in ("judged", "estimated", "scored", "rated"))
+
+    def share(count: float, total: float) -> float:
+        return nan if judged == 0 else (full * count / total if total else full)
+
+    mean_px, mean_squared_px2 = (sums[name] / max(scored, 1) for name in ("sum_px", "sum_squared_px2"))
+    parts = [part for part in ("bg", "fg") if f"judged-{part}" in sums]
+    return {
+        **{name: share(sums[name], rated) for name in _THRESHOLDS_PX},
+        **{f"D1-{part}": _ratio(sums[f"outliers-{part}"], sums[f"judged-{part}"]) for part in parts},
+        "D1-all": share(sums["outliers"], rated),
+        "D1-est": full * _ratio(sums["outliers_estimated"], estimated),
+        "avgerr": mean_px,
+        # Squares in float32, summed in double, and the root of a float32 give the same digits as ETH3D's evaluator.
+        "rms": float(np.sqrt(np.float32(mean_squared_px2))),
+        **{name: sums[name] for name in _QUANTILES},
+        "coverage": share(estimated, judged),
+        "invalid": share(judged - estimated, judged),
+    }
 
 
 def is_outlier(error: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -142,37 +131,33 @@ def is_outlier(error: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArra
     return (error > _OUTLIER_PX) & np.asarray(quotient.astype(np.float64) > _OUTLIER_SHARE)
 
 
-def error_quantiles(error: NDArray[np.float32]) -> tuple[float, ...]:
+def error_quantiles(error: NDArray[np.float32]) -> dict[str, float]:
     """Return A50, A90, A95 and A99 of the n errors, n above 0.
 
     The quantile q is the error at place floor(n q), counted from 0, in ascending order; NaN sorts last. Source:
     src/main.cc of github.com/ETH3D/two-view-evaluation, where n q is a float32. Middlebury's page reports the same
     figures, but its kit does not compute them.
     """
-    places = [min(int(np.floor(np.float32(error.size) * np.float32(q))), error.size - 1) for q in QUANTILES]
-    return tuple(float(value) for value in np.partition(error, places)[places])
+    places = [min(int(np.floor(np.float32(error.size) * np.float32(q))), error.size - 1) for q in _QUANTILES.values()]
+    return dict(zip(_QUANTILES, np.partition(error, places)[places].tolist(), strict=True))
 
 
-def mean_figures(scores: Mapping[str, Score]) -> dict[str, float]:
-    """Return the figures of several images together, by the figure's name, averaged as their benchmark does it.
+def mean_figures(images: Mapping[str, Sums], protocol: Protocol) -> dict[str, float]:
+    """Return the figures of several images together, whose sums are given by their names, as their benchmark does it.
 
     KITTI pools the pixels of all images; its quantiles are the means of the images' quantiles. The other benchmarks
     average the images' figures; Middlebury halves the weight of five of its training pairs. An image without a judged
     pixel does not count.
-
-    Args:
-        scores: at least one score, by the image's name; all have the same protocol.
     """
-    protocol = next(iter(scores.values())).protocol
-    counted = {name: score for name, score in scores.items() if score.sums["judged"]} or scores
+    counted = {name: sums for name, sums in images.items() if sums["judged"]} or images
     if protocol.pooled:
-        names = dict.fromkeys(name for score in counted.values() for name in score.sums)
-        sums = {name: sum(score.sums.get(name, 0) for score in counted.values()) for name in names}
-        quantiles = np.mean([score.quantiles_px for score in counted.values()], axis=0)
-        return Score(protocol, sums, tuple(quantiles.tolist())).figures()
-    figures = [score.figures() for score in counted.values()]
+        names = dict.fromkeys(name for sums in counted.values() for name in sums)
+        pooled = {name: sum(sums.get(name, 0) for sums in counted.values()) for name in names}
+        quantiles = np.mean([[sums[name] for name in _QUANTILES] for sums in counted.values()], axis=0)
+        return figures(pooled | dict(zip(_QUANTILES, quantiles.tolist(), strict=True)), protocol)
+    of_images = [figures(sums, protocol) for sums in counted.values()]
     weights = [0.5 if name in protocol.halved else 1.0 for name in counted]
-    return {name: float(np.average([row[name] for row in figures], weights=weights)) for name in figures[0]}
+    return {name: float(np.average([row[name] for row in of_images], weights=weights)) for name in of_images[0]}
 
 
 def _ratio(count: float, total: float) -> float:

@@ -12,7 +12,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge import PROTOCOLS
 from semisynth_gl.judge.error_map import draw_error_map
 from semisynth_gl.judge.protocol import PROTOCOL_NAMES, Truth
-from semisynth_gl.judge.score import error_quantiles, is_outlier, mean_figures, score, tally
+from semisynth_gl.judge.score import error_quantiles, figures, is_outlier, mean_figures, score, tally
 
 INF, NAN = math.inf, math.nan
 
@@ -21,8 +21,12 @@ def f32(values):
     return np.array(values, np.float32)
 
 
-def figures(prediction, truth, protocol, **limits):
-    return score(f32(prediction), Truth(f32(truth), **limits), protocol).figures()
+def scored(prediction, truth, protocol, **limits):
+    return score(f32(prediction), Truth(f32(truth), **limits), protocol)
+
+
+def sums_of(prediction, truth, protocol, mask=None, **known):
+    return tally(PROTOCOLS[protocol].compare(prediction, Truth(truth, **known)), PROTOCOLS[protocol], mask)
 
 
 # --- by hand ---
@@ -31,7 +35,7 @@ def figures(prediction, truth, protocol, **limits):
 @pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
 def test_the_truth_is_without_error_and_one_more_is_one_off(protocol):
     truth = f32([[1.0, 2.0, INF, 1.5], [3.0, 2.5, 0.5, 1.0]])
-    exact, off = figures(truth, truth, protocol), figures(truth + 1, truth, protocol)
+    exact, off = scored(truth, truth, protocol), scored(truth + 1, truth, protocol)
     assert {exact[name] for name in ("bad-0.5", "bad-4", "D1-all", "D1-est", "avgerr", "rms", "A99")} == {0.0}
     assert [off[name] for name in ("avgerr", "rms", "A50", "A99")] == [1.0] * 4
     whole = PROTOCOLS[protocol].full_share
@@ -66,61 +70,60 @@ def test_outliers_are_above_3_px_and_from_5_percent_on():
     ],
 )  # fmt: skip
 def test_invalid_values_count_as_in_each_benchmark(protocol, prediction, truth, ndisp, expected):
-    found = figures([prediction], [truth], protocol, ndisp=ndisp)
+    found = scored([prediction], [truth], protocol, ndisp=ndisp)
     assert {name: found[name] for name in expected} == pytest.approx(expected, nan_ok=True)
 
 
 def test_middlebury_rounds_halves_up_after_clipping():
     truth = f32([[1.0, 2.0, 3.0, 8.0, 0.0]])
     prediction = f32([[0.5, 1.5, 2.4999998, 9.0, np.nextafter(f32(0.5), f32(0))]])
-    assert figures(prediction, truth, "middlebury", ndisp=8, isint=True)["avgerr"] == 1 / 5
-    assert figures(prediction, truth, "middlebury", ndisp=8)["avgerr"] == pytest.approx(2 / 5)
+    assert scored(prediction, truth, "middlebury", ndisp=8, isint=True)["avgerr"] == 1 / 5
+    assert scored(prediction, truth, "middlebury", ndisp=8)["avgerr"] == pytest.approx(2 / 5)
 
 
 @pytest.mark.parametrize("scale", [2, 4])
 def test_middlebury_scales_half_and_quarter_sizes(scale):
     small = f32([[1.0, 2.0], [3.0, INF]])
     truth = np.full((2 * scale, 2 * scale), 2.0 * scale, np.float32)
-    found = figures(small, truth, "middlebury")
+    found = scored(small, truth, "middlebury")
     # Of the four pixels, one is right, two are off by scale, one is invalid.
     assert (found["invalid"], found["avgerr"]) == (25, pytest.approx(2 * scale / 3))
     # ndisp of the smaller size is rounded up: 3 of 5, so 6; 2 of 5, so 8.
     largest = {2: 6.0, 4: 8.0}[scale]
-    clipped = figures(np.full((2, 2), 99.0), truth * 0, "middlebury", ndisp=5)
+    clipped = scored(np.full((2, 2), 99.0), truth * 0, "middlebury", ndisp=5)
     assert clipped["avgerr"] == largest
 
 
 @pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
 def test_an_empty_mask_has_no_figures(protocol):
     truth = f32([[1.0, 2.0]])
-    counted = score(truth, truth, protocol, mask=np.zeros((1, 2), bool))
-    assert all(math.isnan(value) for value in counted.figures().values())
-    assert all(math.isnan(value) for value in mean_figures({"a": counted}).values())
+    assert all(map(math.isnan, score(truth, truth, protocol, mask=np.zeros((1, 2), bool)).values()))
+    counted, rules = sums_of(truth, truth, protocol, np.zeros((1, 2), bool)), PROTOCOLS[protocol]
+    assert all(map(math.isnan, mean_figures({"a": counted}, rules).values()))
     # It takes no part in a mean.
-    other = score(truth + 1, truth, protocol)
-    assert mean_figures({"a": counted, "b": other}) == other.figures()
+    other = sums_of(truth + 1, truth, protocol)
+    assert mean_figures({"a": counted, "b": other}, rules) == figures(other, rules)
 
 
 def test_quantiles_are_sorted_values_at_the_floor_of_n_q():
     ten = f32(range(10))[::-1].copy()
-    assert error_quantiles(ten) == (5.0, 9.0, 9.0, 9.0)
-    assert error_quantiles(f32(range(200))) == (100.0, 180.0, 190.0, 198.0)
-    assert error_quantiles(f32([7.0])) == (7.0,) * 4
-    assert error_quantiles(f32([NAN, 1.0, 2.0, 3.0]))[:1] == (3.0,)
-    assert math.isnan(error_quantiles(f32([NAN, 1.0, 2.0, 3.0]))[3])
+    assert error_quantiles(ten) == {"A50": 5.0, "A90": 9.0, "A95": 9.0, "A99": 9.0}
+    assert list(error_quantiles(f32(range(200))).values()) == [100.0, 180.0, 190.0, 198.0]
+    assert list(error_quantiles(f32([7.0])).values()) == [7.0] * 4
+    assert list(error_quantiles(f32([NAN, 1.0, 2.0, 3.0])).values()) == pytest.approx([3.0, NAN, NAN, NAN], nan_ok=True)
 
 
 def test_kitti_pools_pixels_and_the_others_average_images():
     one = (f32([[10.0]]), f32([[20.0]]))
-    three = (f32([[10.0, 10.0, 10.0]]), f32([[10.0, 10.0, 10.0]]))
-    by_kitti = {name: score(*pair, "kitti") for name, pair in (("a", one), ("b", three))}
-    assert mean_figures(by_kitti)["D1-all"] == 0.25
-    assert mean_figures(by_kitti)["avgerr"] == 2.5
-    by_eth3d = {name: score(f32(p), t, "eth3d") for name, (p, t) in (("a", ([[0.5]], f32([[0.0]]))), ("b", three))}
-    assert mean_figures(by_eth3d)["avgerr"] == pytest.approx((0.5 + by_eth3d["b"].figures()["avgerr"]) / 2)
+    three = (f32([[1.0, 1.0, 1.5]]), f32([[1.0, 1.0, 1.0]]))
+
+    def mean(protocol, **pairs):
+        return mean_figures({name: sums_of(*pair, protocol) for name, pair in pairs.items()}, PROTOCOLS[protocol])
+
+    assert (mean("kitti", a=one, b=three)["D1-all"], mean("kitti", a=one, b=three)["avgerr"]) == (0.25, 10.5 / 4)
+    assert mean("eth3d", a=three, b=(f32([[0.5]]), f32([[0.5]])))["avgerr"] == pytest.approx(0.5 / 6)
     # Middlebury halves five of its training pairs.
-    by_middlebury = {name: score(*pair, "middlebury") for name, pair in (("Playtable", one), ("Piano", three))}
-    assert mean_figures(by_middlebury)["avgerr"] == pytest.approx(10 * 0.5 / 1.5)
+    assert mean("middlebury", Playtable=one, Piano=three)["avgerr"] == pytest.approx((10 * 0.5 + 0.5 / 3) / 1.5)
 
 
 @pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
@@ -134,13 +137,13 @@ def test_other_sizes_are_refused_with_both(protocol):
 def test_kitti_tells_objects_from_the_background():
     truth, off = f32([[10.0] * 4] * 2), f32([[0.0, 9.0, 9.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
     objects = np.array([[0, 1, 2, 0], [0, 0, 7, 0]], np.uint8)
-    kitti, known = PROTOCOLS["kitti"], Truth(truth, objects=objects)
-    both = tally(kitti.compare(truth + off, known), kitti, None)
-    assert (both.figures()["D1-bg"], both.figures()["D1-fg"], both.figures()["D1-all"]) == (0, 2 / 3, 1 / 4)
-    first_column = tally(kitti.compare(truth, known), kitti, np.arange(8).reshape(2, 4) % 4 == 0)
-    assert math.isnan(first_column.figures()["D1-fg"])
-    assert mean_figures({"a": both, "b": first_column})["D1-fg"] == 2 / 3
-    assert "D1-fg" not in score(truth, known, "eth3d").figures()
+    kitti = PROTOCOLS["kitti"]
+    both = sums_of(truth + off, truth, "kitti", objects=objects)
+    assert [figures(both, kitti)[name] for name in ("D1-bg", "D1-fg", "D1-all")] == [0, 2 / 3, 1 / 4]
+    first_column = sums_of(truth, truth, "kitti", np.arange(8).reshape(2, 4) % 4 == 0, objects=objects)
+    assert math.isnan(figures(first_column, kitti)["D1-fg"])
+    assert mean_figures({"a": both, "b": first_column}, kitti)["D1-fg"] == 2 / 3
+    assert "D1-fg" not in score(truth, Truth(truth, objects=objects), "eth3d")
 
 
 # --- against the evaluators' loops ---
@@ -230,7 +233,7 @@ def naive(prediction, truth, mask, protocol, ndisp, isint):
 def test_scores_are_those_of_the_loops(protocol, case):
     prediction, truth, mask, ndisp, isint = case
     isint &= protocol == "middlebury"
-    counted = score(prediction, Truth(truth, ndisp=ndisp, isint=isint), protocol, mask=mask)
+    counted = sums_of(prediction, truth, protocol, mask, ndisp=ndisp, isint=isint)
     scored, judged, estimated = naive(prediction, truth, mask, protocol, ndisp, isint)
     outliers = [(bool(e > 3) and float(np.float32(e) / abs(g)) > 0.05, has) for e, g, has in scored]
     errors = sorted(float(e) for e, _, _ in scored)
@@ -242,11 +245,11 @@ def test_scores_are_those_of_the_loops(protocol, case):
     expected |= {"outliers_estimated": sum(map(all, outliers))}
     if errors:
         expected |= {"sum_px": pytest.approx(sum(errors), rel=1e-9, nan_ok=True)}
-    assert {name: counted.sums[name] for name in expected} == expected
+    assert {name: counted[name] for name in expected} == expected
     if errors and np.isfinite(errors).all():
         places = [int(np.floor(np.float32(len(errors)) * np.float32(q))) for q in (0.5, 0.9, 0.95, 0.99)]
-        assert counted.quantiles_px == tuple(errors[place] for place in places)
-        assert counted.sums["sum_squared_px2"] == pytest.approx(sum(e * e for e in errors), rel=1e-6)
+        assert [counted[name] for name in ("A50", "A90", "A95", "A99")] == [errors[place] for place in places]
+        assert counted["sum_squared_px2"] == pytest.approx(sum(e * e for e in errors), rel=1e-6)
 
 
 # --- error maps ---
