@@ -6,13 +6,5 @@ from semisynth_gl.judge.place import MeasuredPlace
 from semisynth_gl.judge.protocol import PROTOCOLS, Protocol, ProtocolName, Truth
 
 __all__ = [
-    "MEASURES",
-    "PROTOCOLS",
-    "Measure",
-    "MeasuredPair",
-    "MeasuredPlace",
-    "Protocol",
-    "ProtocolName",
-    "Row",
-    "Truth",
-]
+    "MEASURES", "PROTOCOLS", "Measure", "MeasuredPair", "MeasuredPlace", "Protocol", "ProtocolName", "Row", "Truth",
+]  # fmt: skip

@@ -9,18 +9,15 @@ from numpy.typing import NDArray
 
 from semisynth_gl.judge.measures import MEASURES, Measure, advice
 
+# Least number of a place's pictures with which a dataset is compared. With four pictures, and a dataset like its place,
+# one measure in four is more than one standard deviation apart by chance; with eleven pictures, one in thirty.
 FEWEST = 4
-"""Least number of a place's pictures with which a dataset is compared. With four pictures, and a dataset like its
-place, one measure in four is more than one standard deviation apart by chance; with eleven pictures, one in thirty."""
-
 # As shares of a measure's mean: the standard deviation assumed for a single picture, and the lower limit of any.
 _UNKNOWN, _LEAST = 0.25, 0.05
 # Outliers are this many standard deviations off; a deviation is so many median absolute deviations, if normal.
 _FAR, _DEVIATION = 3.0, 1.4826
 
 HEAD = ("measure", "unit", "dataset", "place", "off by", "apart", "advice")
-"""The columns of `table`."""
-
 Values = Mapping[str, NDArray[np.float64]]
 """By the key of each of `MEASURES`, the numbers (N,) of the N pictures that have the measure."""
 
@@ -104,12 +101,9 @@ def unit_of(values: NDArray[np.float64]) -> float:
 
 
 def compare(dataset: Values, place: Values, recipes: Sequence[Mapping[str, Any]]) -> list[Row]:
-    """Return a row for each measure that the dataset or the place has.
+    """Return a row for each measure that the dataset's left views or the place's pictures have.
 
-    Args:
-        dataset: measures of the dataset's left views.
-        place: measures of the place's pictures.
-        recipes: the config of each recipe in JSON's types; the config itself where it has no recipes.
+    ``recipes`` are the config of each recipe in JSON's types, or the config itself where it has no recipes.
     """
     return [
         _row(measure, dataset[measure.key], place[measure.key], recipes)
@@ -161,10 +155,7 @@ def find_outliers(pairs: Sequence[MeasuredPair]) -> list[Outlier]:
 
 
 def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """Return a head and a row of texts for each measure: name, unit, both sides, difference, distance and advice.
-
-    Without pictures of a place, only the first three columns are returned.
-    """
+    """Return a head and a row of texts for each measure; without pictures of a place, only the first three columns."""
     texts = [
         (
             row.measure.name,

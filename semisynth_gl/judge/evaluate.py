@@ -68,8 +68,6 @@ def evaluate(
             raise InputError(f"{path}: {error} ({pair.source})") from None
         if not (np.isfinite(prediction).any() and comparison.estimated.any()):
             raise ReadError(path, f"has no disparity that is valid by the definitions of {rules.source}")
-        if not comparison.judged.any():
-            raise InputError(f"{pair.source}: the truth of {pair.name} has no disparity")
         image: dict[str, Any] = {"name": pair.name, "prediction": str(path), "pixels": {}, "figures": {}}
         for region, mask in {"all": None, "non-occluded": known.visible}.items():
             if region == "all" or mask is not None:

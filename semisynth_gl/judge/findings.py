@@ -54,7 +54,3 @@ class Verdict:
             row, column = np.argwhere(wrong)[0]
             pixels = counted(int(wrong.sum()), "pixel")
             self.add(channel, f"{channel}_{eye} {fault} in {pixels}, the first at ({column}, {row})")
-
-    def keep_largest(self, measure: str, value: float) -> None:
-        """Set a measure to the larger of its value so far and this value."""
-        self.measures[measure] = max(value, self.measures.get(measure, value))

@@ -35,14 +35,10 @@ _UNSEEN = 119
 def embed_pair(frame: StoredFrame) -> dict[str, Any]:
     """Return the pictures of a pair in JSON's types, for report.js.
 
-    Pixel (x, y) of a picture is the pair's pixel (x step + step // 2, y step + step // 2).
-
-    Returns:
-        ``step``; ``width`` and ``height`` of the pictures; ``focal_baseline`` and ``doffs`` of the pair's camera;
-        ``colours``, the disparities of the overlay's first and last colour, px; as base64 ``values``, the left view's
-        disparity, float32 px row by row, deflated; as data URIs the JPEG ``left``, ``right``, and ``warped``, the right
-        image seen from the left, averaged over step x step pixels, and the overlays ``disparity`` and
-        ``masks``.
+    Pixel (x, y) of a picture is the pair's pixel (x step + step // 2, y step + step // 2). ``colours`` are the
+    disparities of the overlay's first and last colour, px. ``values`` is the left view's disparity as base64: float32
+    px row by row, deflated. Data URIs are the images ``left``, ``right``, and ``warped``, the right image seen from the
+    left, each averaged over step x step pixels, and the overlays ``disparity`` and ``masks``.
     """
     step = -(-frame.camera.width_px // WIDEST_PX)
     grid = np.s_[step // 2 :: step, step // 2 :: step]

@@ -32,7 +32,7 @@ class MeasuredPlace:
 
     values: Values
     summary: str
-    notes: tuple[str, ...]
+    notes: Sequence[str]
 
 
 def map_files(sources: Sequence[str | Path]) -> list[Path]:
@@ -106,9 +106,6 @@ def measure_place(
         few = "with disparities in fewer than half of the pixels, used for disparity only"
         notes.append(f"{counted(sparse, 'map')} {few}")
     of_images, of_maps = gather(subjects), gather(map(measure_view, mapped))
-    return MeasuredPlace(
-        {each.key: (of_images if each.of_images else of_maps)[each.key] for each in MEASURES},
-        f"{counted(measured, 'photograph')}{of_subjects(measured, len(subjects))}, "
-        f"{counted(len(maps), 'disparity map')}",
-        tuple(notes),
-    )
+    values = {each.key: (of_images if each.of_images else of_maps)[each.key] for each in MEASURES}
+    photographed = f"{counted(measured, 'photograph')}{of_subjects(measured, len(subjects))}"
+    return MeasuredPlace(values, f"{photographed}, {counted(len(maps), 'disparity map')}", notes)

@@ -40,7 +40,6 @@ class Report:
         pairs: the measured pairs.
         width_px: the working width, to which all images and maps were brought.
         disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.
-        target: distribution that the config asks for.
         rows: the measures of the dataset and, where photographs were given, of the place.
         place: the measures of the place; None without photographs of it.
     """
@@ -49,7 +48,6 @@ class Report:
     pairs: Sequence[MeasuredPair]
     width_px: int
     disparity: Histogram | None
-    target: Histogram
     rows: Sequence[Row]
     place: MeasuredPlace | None
 
@@ -124,7 +122,7 @@ def report(
         ],
         colours=MASKS,
     )
-    return Report(page, measured, width_px, achieved, target, rows, place)
+    return Report(page, measured, width_px, achieved, rows, place)
 
 
 def _measure(
@@ -135,7 +133,7 @@ def _measure(
     listener.on_total(len(positions))
     pairs, plan, first = [], dataset.about.plan, dataset[positions[0]].camera
     low = min(0.0, -first.doffs_px, target.edges_px[0])
-    high = max(plan.config.disparity.max_px or first.width_px, target.edges_px[-1])
+    high = max(plan.config.disparity.max_px, target.edges_px[-1])
     count = PixelCount(np.union1d(np.linspace(low, high, _BINS + 1), target.edges_px))
     for position in positions:
         frame = dataset[position]

@@ -96,7 +96,7 @@ def verify(
             raise
         rayed, no_rays, scenes = [], str(error), {}
     listener.on_total(total)
-    verdicts = []
+    verdicts = list[Verdict]()
     for verdict, pair, frame in _read_pairs(index, made):
         if pair is not None and frame is not None and len(verdicts) - 1 in rayed:
             check_rays(frame, scenes[pair.split], pixels, verdict)

@@ -265,7 +265,6 @@ def test_missing_predictions_are_named(three):
         ("pred/b.pfm", np.full(SHAPE, np.nan), None, "b.pfm: has no disparity"),
         ("pred/b.pfm", np.full(SHAPE, INF), None, "b.pfm: has no disparity"),
         ("pred/b.pfm", np.zeros(SHAPE), "kitti", "b.pfm: has no disparity"),
-        ("gt/a/disp0GT.pfm", np.full(SHAPE, INF), None, "the truth of a has no disparity"),
         ("gt/a/mask0nocc.png", np.ones((7, 9), np.uint8), None, "the mask has 9 x 7 pixels.*gt/a"),
     ],
 )
