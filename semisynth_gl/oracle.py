@@ -6,7 +6,7 @@ meshes that ``scene.model`` indexes. ``signed`` allows disparities of 0 and belo
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,23 +37,6 @@ def disparity_of(eye: Eye, way: Floats) -> Floats:
     return way[:, 0] if eye == "right" else np.where(np.isinf(way[:, 0]), np.inf, -way[:, 0])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Flows:
-    """The motion of R hit points to another moment, in the same view.
-
-    Attributes:
-        flow_px: (R, 2) float64, x right and y down; inf where there is no hit, or where the point is nearer than the
-            near plane at the other moment.
-        disparity_change_px: (R,) float64, for rectified pairs; inf where the flow is, and where the disparity is not
-            valid at one of the moments.
-        depth_m: (R,) float64, the depths of the points at the other moment, inf in the sky.
-    """
-
-    flow_px: Floats
-    disparity_change_px: Floats
-    depth_m: Floats
-
-
 def flow(
     scene: Scene,
     models: Sequence[Mesh],
@@ -64,10 +47,16 @@ def flow(
     hits: Hits,
     *,
     signed: bool = False,
-) -> Flows:
+) -> tuple[Floats, Floats, Floats]:
     """Follow hit points of one eye's rays to the other moment of a motion, each on its own instance.
 
     The camera's translation does not move the sky.
+
+    Returns:
+        The flow, (R, 2) float64 px, x right and y down, inf where there is no hit, or where the point is nearer than
+        the near plane at the other moment. The change of disparity in rectified pairs, (R,) float64 px, inf where the
+        flow is, and where the disparity is not valid at one of the moments. The depths at the other moment, (R,)
+        float64 m, inf in the sky.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
@@ -97,7 +86,7 @@ def flow(
         later_m = np.where(is_sky, np.inf, later[:, 2])
         disparity, later_disparity = camera.disparity_px(hits.depth_m), camera.disparity_px(later_m)
     valid = seen & (signed | ((disparity > 0) & (later_disparity > 0)))
-    return Flows(
+    return (
         np.where(seen[:, None], position - np.stack([x, y], axis=1), np.inf),
         np.where(valid, later_disparity - disparity, np.inf),
         later_m,

@@ -27,10 +27,9 @@ def visibility(scene, models, eye, x_px, y_px, hits, *, signed=False):
     return seen(scene, models, other, position_px, depth_m)
 
 
-def flow_visibility(motion, models, eye, x_px, y_px, hits, flows):
+def flow_visibility(motion, models, eye, x_px, y_px, hits, flow_px, depth_m):
     """Return whether an eye sees the hit points at the other moment, (R,) uint8; things that are gone are occluded."""
-    position_px = np.stack([x_px, y_px], axis=1) + flows.flow_px
-    mask = seen(motion.scene, models, eye, position_px, flows.depth_m)
+    mask = seen(motion.scene, models, eye, np.stack([x_px, y_px], axis=1) + flow_px, depth_m)
     visible = np.flatnonzero(mask == VISIBLE)
     mask[visible[motion.instance[hits.instance[visible]] < 0]] = OCCLUDED
     return mask

@@ -109,12 +109,11 @@ class _Rays:
         if "normals" in self.frame.view(eye):
             values["normals"] = oracle.normals(scene, self.models, eye, hits)
         for name, motion in self.motions.items():
-            flows = oracle.flow(scene, self.models, motion, eye, x, y, hits, signed=encodings.signed)
-            beyond = (np.abs(flows.flow_px) > encodings.flow.limit_px).any(axis=1, keepdims=True)
-            values[name] = np.where(beyond, np.inf, flows.flow_px)
+            flow, change, _ = oracle.flow(scene, self.models, motion, eye, x, y, hits, signed=encodings.signed)
+            beyond = (np.abs(flow) > encodings.flow.limit_px).any(axis=1, keepdims=True)
+            values[name] = np.where(beyond, np.inf, flow)
             if name == "flow":
-                change = flows.disparity_change_px[:, None]
-                values["disparity_change"] = np.where(np.isinf(disparity), np.inf, change)
+                values["disparity_change"] = np.where(np.isinf(disparity), np.inf, change[:, None])
         return values
 
     def bounds(self, channel: str, stored: Values) -> Values:

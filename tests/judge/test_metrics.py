@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as arrays
 
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge import PROTOCOLS
-from semisynth_gl.judge.error_map import draw_error_map
+from semisynth_gl.judge.evaluate import draw_error_map
 from semisynth_gl.judge.protocol import PROTOCOL_NAMES, Truth
 from semisynth_gl.judge.score import error_quantiles, figures, is_outlier, mean_figures, score, tally
 
