@@ -9,7 +9,6 @@ from hand_made_datasets import write_dataset
 from PIL import Image
 from shared_material import SHARED, needs_shared
 
-from semisynth_gl.cli import main
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import RGB8
@@ -185,17 +184,9 @@ def photographs(tmp_path_factory):
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    """Run the command, without a process of its own: exit code, standard output and error."""
-    monkeypatch.chdir(tmp_path)
-
-    def called(*arguments):
-        monkeypatch.setattr("sys.argv", ["semisynth-gl", "report", *map(str, arguments), "--pairs", "0"])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capsys.readouterr()
-
-    return called
+def run(program):
+    """Run the command: exit code, standard output and error."""
+    return lambda *arguments: program("report", *arguments, "--pairs", 0)
 
 
 def test_a_dataset_beside_its_own_files_is_without_difference(run, dataset, tmp_path):

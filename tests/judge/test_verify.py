@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,7 +24,6 @@ from scenes import noise_layers
 from tiny_datasets import SCENES, cheap, lean, tiny, verified
 
 from semisynth_gl import Renderer, make_mesh, make_scene
-from semisynth_gl.cli import main
 from semisynth_gl.codecs.png import GREY16
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.sample import StoredFrame
@@ -139,11 +137,6 @@ FAULTS = {
     },
     "a darker image": (image("im1.png", lambda each: each // 2), "images", ""),
     "a black image": (image("im1.png", np.zeros_like), "images", ""),
-    "an image half a pixel aside": (
-        image("im1.png", lambda each: each // 2 + np.roll(each, 1, axis=1) // 2),
-        "images",
-        "px in x",
-    ),
     "an image of another pair": (copied("im1.png"), "images", ""),
     **{
         f"{kind} {count}": (disparity(change, *DISPARITIES[count[0] : count[1]]), check, "")
@@ -169,11 +162,7 @@ FAULTS = {
     "right mask of another pair": (copied(MASKS[1]), "visibility", ""),
     "mask of other values": (image(MASKS[0], lambda mask: mask // 2), "visibility", "is not one of 0, 128, 255"),
     "all visible": (image(MASKS[0], lambda mask: np.full_like(mask, 255)), "visibility", "outside the image"),
-    "nothing hidden": (
-        image(MASKS[1], lambda mask: np.where(mask == 128, 255, mask).astype(np.uint8)),
-        "visibility",
-        "",
-    ),
+    "nothing hidden": (image(MASKS[1], lambda mask: mask | np.uint8(127) * (mask == 128)), "visibility", ""),
     "depth": (lambda scene: change_disparity(scene / "depth0.pfm", lambda depth: depth * 1.0001), "depth", ""),
     "large ids": (large_ids, "instances", "is above the"),
     "correspondence": (
@@ -184,7 +173,6 @@ FAULTS = {
     "normals with x and y swapped": (normals(lambda n: n[..., [1, 0, 2]]), "normals", "points away from the eye"),
     "normals negated": (normals(lambda n: -n), "normals", "normals_right points away from the eye in 23375 pixels"),
     "normals too long": (normals(lambda n: 1.0001 * n), "normals", "is no unit vector in 23375 pixels"),
-    "normals of another length": (normals(lambda n: n / np.abs(n).max(2, keepdims=True)), "normals", "no unit vector"),
     **{
         f"one normal of {value}": (normals(at_pixel(30, 40, value)), "normals", f"is no unit vector {AT}")
         for value in (0, np.nan, np.inf)
@@ -353,38 +341,24 @@ def test_rays_find_normals_of_other_places_beside_triangles_that_they_miss():
         assert any("normals_left" in finding.message for finding in verdict.findings) == wrong, verdict.findings
 
 
-@pytest.fixture
-def call(monkeypatch, capsys):
-    def caller(*arguments):
-        monkeypatch.setattr(sys, "argv", ["semisynth-gl", "verify", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        return stopped.value.code, *capsys.readouterr()
-
-    return caller
-
-
-def test_the_command_tells_what_it_found(call, dataset, tmp_path):
-    code, out, err = call(dataset, "--oracle", "--pixels", 50, "--json", tmp_path / "report.json")
+def test_the_command_tells_what_it_found(program, dataset, tmp_path):
+    code, out, err = program("verify", dataset, "--oracle", "--pixels", 50, "--json", "report.json")
     assert code == 0, out
     assert out.startswith("3 pairs, nothing found; at worst: ")
     assert "3 of 3 pairs" in err
     (scene_of(dataset) / "im0.png").unlink()
-    code, out, err = call(dataset, "--json", tmp_path / "report.json")
-    assert code == 1
-    assert out == f"{ONE}: files: {SCENES}/{ONE}/im0.png is missing\n"
+    code, out, err = program("verify", dataset, "--json", "report.json")
+    assert (code, out) == (1, f"{ONE}: files: {SCENES}/{ONE}/im0.png is missing\n")
     assert "1 finding in 3 pairs" in err
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["findings"] == [{"scene": ONE, "check": "files", "message": out.split(": ")[2].strip()}]
     assert report["measures"]["middlebury-000000"]["visibility_left_disagree_share"] < 0.01
 
 
-def test_the_command_refuses_what_is_no_dataset(call, tmp_path, dataset):
-    unfinished = shutil.copytree(dataset, tmp_path / "unfinished", symlinks=True)
-    (unfinished / "index.json").unlink()
-    for arguments in (("nowhere",), (unfinished,), (dataset, "--json", tmp_path / "no" / "x.json"), ()):
-        code, out, err = call(*arguments)
-        assert code == 2
-        assert out == ""
-        assert err
-        assert "Traceback" not in err
+def test_the_command_refuses_what_is_no_finished_dataset(program, dataset):
+    assert program("verify", dataset, "--json", "no/x.json")[:2] == (2, "")
+    (dataset / "index.json").unlink()
+    for arguments, words in ((("nowhere",), "not a dataset"), ((dataset,), "not finished"), ((), "DIR")):
+        code, out, err = program("verify", *arguments)
+        assert (code, out) == (2, "")
+        assert words in err
