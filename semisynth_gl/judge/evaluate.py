@@ -134,12 +134,10 @@ def evaluate_views(predictions: Path, predictions_right: Path) -> dict[str, Any]
         ``mean`` with the mean of the pairs as ``unconfirmed``, and ``images`` with each pair's ``name``, its files
         ``left`` and ``right``, and ``unconfirmed`` in percent.
     """
+    left, right = expanded(predictions), expanded(predictions_right)
     lefts, rights = (
         {path.relative_to(folder).with_suffix("").as_posix(): path for path in disparity_maps(folder, argument)}
-        for argument, folder in (
-            ("predictions", expanded(predictions)),
-            ("predictions_right", expanded(predictions_right)),
-        )
+        for argument, folder in (("predictions", left), ("predictions_right", right))
     )
     if not lefts or lefts.keys() != rights.keys():
         alone = abbreviate(sorted(lefts.keys() ^ rights.keys()))

@@ -85,16 +85,16 @@ def verify(
     if made is None:
         raise InputError(f"{index.address}: {index.fault}")
     total = sum(made.pairs.values())
-    rayed = spread(total, RAYED_PAIRS if rays is None else to_whole("rays", rays, least=0))
+    rayed = frozenset(spread(total, RAYED_PAIRS if rays is None else to_whole("rays", rays, least=0)))
     if rays is None and made.version != metadata.version("semisynth-gl"):
         # Another version may sample other scenes.
-        rayed, no_rays = [], f"version {made.version} made the dataset"
+        rayed, no_rays = frozenset(), f"version {made.version} made the dataset"
     try:
         scenes = {split: RebuiltScenes(index, split) for split in made.pairs} if rayed else {}
     except InputError as error:
         if rays is not None:
             raise
-        rayed, no_rays, scenes = [], str(error), {}
+        rayed, no_rays, scenes = frozenset(), str(error), {}
     listener.on_total(total)
     verdicts = list[Verdict]()
     for verdict, pair, frame in _read_pairs(index, made):
