@@ -14,7 +14,7 @@ from semisynth_gl.render.backends import Backend
 
 
 def measure(
-    config: Config, seed: int, backend: Backend, pairs: int = 3, rays: int = 20_000, listener: Listener | None = None
+    config: Config, seed: int, backend: Backend, pairs: int = 3, rays: int = 20_000, *, listener: Listener
 ) -> dict[str, Any]:
     """Compare ``pairs`` pairs with ``rays`` rays for each eye; the listener hears a message before each part.
 
@@ -24,7 +24,6 @@ def measure(
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
-    listener = listener or Listener()
     listener.on_message(f"making {counted(pairs, 'scene')} of {config.name}")
     bench = sample_scenes(config, seed, pairs)
     with bench.open_renderer(backend, outputs=("instances",), truth="both") as renderer:

@@ -49,10 +49,9 @@ class BenchScenes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledTruth:
-    """The oracle's disparity at N pixels of one eye of one scene.
+    """The oracle's disparity at N pixels of one eye of a scene of `BenchScenes`; inf where no surface is hit.
 
-    ``scene`` is an index in `BenchScenes.scenes`, ``row`` and ``column`` (N,) are the pixels, and the disparity (N,) is
-    inf where no surface is hit. ``dropped`` counts the chosen pixels that are left out.
+    ``dropped`` counts the chosen pixels that are left out.
     """
 
     scene: int
@@ -78,11 +77,8 @@ def cast_truth(
     Pixels are left out within 2 px of a depth edge, with another triangle within 1/16 px, and where ray and renderer
     see different instances: an error there would show where the rasteriser puts an edge.
 
-    Args:
-        bench: the scenes.
-        frames: the rendered frame of each scene, with both disparities and the output "instances".
-        rays: number of pixels to choose for each eye of each scene, before any is left out.
-        rng: chooses the pixels.
+    ``frames`` have both disparities and the output "instances". ``rays`` pixels are chosen in each view, before any is
+    left out.
 
     Returns:
         Two lists with an entry for the left eye and then one for the right eye of each scene, in the scenes' order: the

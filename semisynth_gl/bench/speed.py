@@ -43,22 +43,12 @@ def usual_workers() -> tuple[int, ...]:
 
 
 def measure(
-    config: Config,
-    seed: int,
-    backend: Backend,
-    pairs: int = 8,
-    workers: tuple[int, ...] = (),
-    listener: Listener | None = None,
+    config: Config, seed: int, backend: Backend, pairs: int = 8, workers: tuple[int, ...] = (), *, listener: Listener
 ) -> dict[str, Any]:
-    """Measure the stages of pairs, and whole runs of `generate`.
+    """Measure the stages of ``pairs`` pairs, and whole runs of `generate` with each number of ``workers``.
 
-    Args:
-        config: the config.
-        seed: the dataset's seed.
-        backend: as of `Renderer`.
-        pairs: number of timed pairs of the stages and of each run; a run has four for each worker if that is more.
-        workers: numbers of workers; empty for `usual_workers`.
-        listener: hears what is measured.
+    A run has as many timed pairs, or four for each worker if that is more. Without numbers, `usual_workers` are taken.
+    The listener hears a message before each part.
 
     Returns:
         A report in JSON's types: config, seed, "pairs", "machine"; "stages", for each of `STAGES` its "name", "text",
@@ -68,7 +58,6 @@ def measure(
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
-    listener = listener or Listener()
     listener.on_message(f"timing the stages of {counted(pairs, 'pair')}")
     # llvmpipe reads its number of threads once in a process.
     with ProcessPoolExecutor(1, get_context("spawn"), os.putenv, (THREADS, "0")) as process:
@@ -153,9 +142,5 @@ def table(report: Mapping[str, Any]) -> str:
     workers = [
         (str(row["workers"]), str(row["threads"]), f"{row['pairs_per_second']:.2f}") for row in report["workers"]
     ]
-    return "\n\n".join(
-        [
-            markdown(("stage", "ms a pair", "share", "what it is"), stages),
-            markdown(("workers", "threads each", "pairs/s"), workers, text_last=False),
-        ]
-    )
+    timed = markdown(("stage", "ms a pair", "share", "what it is"), stages)
+    return f"{timed}\n\n{markdown(('workers', 'threads each', 'pairs/s'), workers, text_last=False)}"

@@ -13,6 +13,7 @@ from semisynth_gl.bench.accuracy import measure
 from semisynth_gl.bench.scenes import cast_truth, edges, grown, sample_scenes
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import load_config
+from semisynth_gl.listener import Listener
 
 SMALL = (*CLUTTER_ALONE, "scale=0.15", "textures.source=procedural", "textures.max_patches=8", "models.variants=1")
 
@@ -82,6 +83,6 @@ def test_edges_and_their_surroundings():
     ids=["deviating", "left", "signed"],
 )  # fmt: skip
 def test_other_rigs_are_measured_as_exactly(settings):
-    error = measure(cheap(**settings), 3, "auto", 1, 500)["disparity"]
+    error = measure(cheap(**settings), 3, "auto", 1, 500, listener=Listener())["disparity"]
     assert error["worst_px"] < 1e-4
     assert error["missing"] == 0
