@@ -6,17 +6,14 @@ import re
 import numpy as np
 import pytest
 from hand_made_datasets import write_dataset
-from PIL import Image
-from shared_material import SHARED, needs_shared
 
-from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.judge.comparison import FEWEST, compare, gather, summary
 from semisynth_gl.judge.interpolation import fill_holes
-from semisynth_gl.judge.measured_view import WORKING_WIDTH, make_view, mean_luminance
+from semisynth_gl.judge.measured_view import make_view, mean_luminance
 from semisynth_gl.judge.measures import (
     MEASURES,
     advice,
@@ -318,24 +315,3 @@ def test_advice_names_no_key_that_moves_nothing_in_the_scenes(kinds, sections):
     assert "particles.density" not in by_layers
     # Scenes have the sections of any of their recipes.
     assert named(recipe_with(*kinds), recipe_with("street")) == sections | {"street", "scenes"}
-
-
-# --- real scenes ---
-
-
-@needs_shared
-def test_real_scenes_are_calm_soft_and_mostly_visible():
-    found = []
-    for path in sorted((SHARED / "real").glob("*/disp0GT.pfm")):
-        found.append(measure_view(make_view(WORKING_WIDTH, disparity=read_map(path))))
-        truth = read_disparity_map(path)
-        mask = np.asarray(Image.open(path.with_name("mask0nocc.png")))
-        known = np.isfinite(truth)
-        # The masks come from both maps; the measure has one.
-        assert found[-1]["occluded"] == pytest.approx(100 * (known & (mask != 255)).sum() / known.sum(), abs=2)
-    # Pipes, whose thin tubes cross everywhere, is at the far end of most ranges.
-    ranges = {"jumps": (0, 5), "runs": (60, 500), "occluded": (5, 20)}
-    for key, (low, high) in ranges.items():
-        values = [each[key] for each in found if key in each]
-        assert low < min(values), key
-        assert max(values) < high, key

@@ -76,16 +76,6 @@ def test_an_unreadable_pair_is_named(changed):
         report(changed)
 
 
-def test_a_dataset_at_an_address_can_be_reported(dataset, made):
-    fsspec = pytest.importorskip("fsspec")
-    memory = fsspec.filesystem("memory")
-    memory.put(str(dataset), "/bucket/far-away", recursive=True)
-    try:
-        assert report("memory://bucket/far-away", pairs=3).page == made.page
-    finally:
-        memory.rm("/bucket", recursive=True)
-
-
 def test_outliers_are_the_farthest_from_the_median():
     values = [{"jumps": 10.0 + number % 5, "flat": 7.0} for number in range(50)]
     values[17]["jumps"], values[30]["jumps"] = 40.0, -9.0
