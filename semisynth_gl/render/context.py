@@ -35,23 +35,14 @@ _PACKAGES = {"egl": "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "li
 
 @dataclass(frozen=True, slots=True)
 class GraphicsContext:
-    """An open context, made current and set up for reversed Z in [0, 1].
-
-    Attributes:
-        gl: the context.
-        unbound: calls that moderngl lacks.
-        backend: the backend that opened the context, "egl" or "osmesa".
-        renderer: the driver's name for itself (GL_RENDERER), for the provenance of every pair.
-        process: id of the process that opened the context.
-        thread: id of the thread that opened the context.
-    """
+    """An open context, made current and set up for reversed Z in [0, 1]."""
 
     gl: moderngl.Context
-    unbound: UnboundCalls
-    backend: Backend
-    renderer: str
-    process: int
-    thread: int
+    unbound: UnboundCalls  # calls that moderngl lacks
+    backend: Backend  # that opened the context, "egl" or "osmesa"
+    renderer: str  # the driver's name for itself (GL_RENDERER), for the provenance of every pair
+    process: int  # id of the process that opened the context
+    thread: int  # id of the thread that opened the context
 
     @property
     def facts(self) -> dict[str, str]:
@@ -97,7 +88,7 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
     check_one_of("backend", backend, BACKENDS)
     openers: dict[Backend, Callable[[], Any]] = {
         "egl": lambda: _open_egl(device_index),
-        "osmesa": lambda: OSMesaContext(4, 5),
+        "osmesa": OSMesaContext,
     }
     if _opened_in - {os.getpid()}:
         # The driver's threads were not forked, and the driver would wait for them for ever.
@@ -143,11 +134,7 @@ def _loads(library: str) -> bool:
 
 
 def context_facts(backend: Backend) -> dict[str, str]:
-    """Open a context, and return its `GraphicsContext.facts` after closing it.
-
-    Raises:
-        BackendError: see `open_context`.
-    """
+    """Open a context, and return its `GraphicsContext.facts` after closing it; errors are those of `open_context`."""
     context = open_context(backend)
     facts = context.facts
     context.release()

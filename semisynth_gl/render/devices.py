@@ -25,20 +25,12 @@ _VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """An EGL device.
+    """An EGL device."""
 
-    Attributes:
-        index: EGL's number of the device, as ``device_index`` counts.
-        software: whether it is Mesa's software device.
-        cuda: CUDA's number of the device among all GPUs of the machine; None where EGL does not say.
-        uuid: the device's UUID as CUDA_VISIBLE_DEVICES takes it, "GPU-" and hexadecimal digits; None where EGL does not
-            say.
-    """
-
-    index: int
-    software: bool
-    cuda: int | None = None
-    uuid: str | None = None
+    index: int  # EGL's number of the device, as ``device_index`` counts
+    software: bool  # whether it is Mesa's software device
+    cuda: int | None = None  # CUDA's number among all GPUs of the machine; None where EGL does not say
+    uuid: str | None = None  # "GPU-" and hexadecimal digits, as in CUDA_VISIBLE_DEVICES; None where EGL does not say
 
 
 @cache

@@ -36,9 +36,10 @@ class DrawPass:
         self._gl = state.context.gl
         self._occlusion = Occlusion(state) if state.context.software else None
         self._light = None if state.pattern is None else ProjectorLight(state, state.pattern)
+        self._attachments = {eye: self._options.attachments(eye) for eye in EYES}
         # Programs by attachments, anisotropy, and whether a projector lights what they draw.
         self._linked: dict[tuple[tuple[str, ...], int, bool], moderngl.Program] = {}
-        for names in (*map(self._options.attachments, EYES), *([COLOUR] if self._options.factor > 1 else [])):
+        for names in (*self._attachments.values(), *([COLOUR] if self._options.factor > 1 else [])):
             self._programs(names)
         self._edges = EdgePass(state, self._occlusion) if self._options.outlines else None
 
@@ -59,13 +60,15 @@ class DrawPass:
             a separate pass, and the channels of the left view that an earlier pair has read.
         """
         parts = {eye: self._part([each.scene for each in transforms], eye, crop) for eye in EYES}
-        shared = len(transforms) > 1
-        left = sized.shared if shared else sized.eyes["left"]
+        shared, names = len(transforms) > 1, self._attachments["left"]
+        if shared:
+            names = tuple("inverse_depth" if name == "disparity" else name for name in names)
+        left = sized.drawn("shared left" if shared else "left", names)
+        right = sized.drawn("right", self._attachments["right"])
         seen: dict[str, Any] = {}
         for each in transforms:
             self._find_light(each)
-            eyes: dict[Eye, EyeTargets] = {"left": left, "right": sized.eyes["right"]}
-            pair = DrawnPair(each, crop, sized, eyes, {"left": seen, "right": {}})
+            pair = DrawnPair(each, crop, sized, {"left": left, "right": right}, {"left": seen, "right": {}})
             if each is transforms[0]:
                 self._draw(pair, "left", parts["left"])
             if shared:
@@ -77,13 +80,10 @@ class DrawPass:
     def draw_image(self, transforms: InstanceTransforms, eye: Eye, sized: SizedTargets) -> NDArray[np.uint8]:
         """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""
         self._find_light(transforms)
-        filled = self._state.models.fill(transforms, eye)
-        self._state.constants.write(transforms.scene, eye)
         if self._options.factor > 1:
-            return self._draw_samples(transforms, eye, None, sized, filled)
-        targets = sized.image
-        targets.limit(None)
-        self._draw_once(transforms, eye, None, targets, filled)
+            return self._draw_samples(transforms, eye, None, sized)
+        targets = sized.drawn("image", COLOUR)
+        self._draw_view(transforms, eye, None, targets)
         self._smooth(transforms, eye, targets, None)
         image: NDArray[np.uint8] = targets.read("colour")
         return image
@@ -91,13 +91,7 @@ class DrawPass:
     def _find_light(self, transforms: InstanceTransforms) -> None:
         """Draw what the scene's projector reaches, if it has one."""
         if self._light is not None:
-            self._light.reach(transforms, self._draw_reached)
-
-    def _draw_reached(self, transforms: InstanceTransforms, targets: EyeTargets) -> None:
-        filled = self._state.models.fill(transforms, "left")
-        self._state.constants.write(transforms.scene, "left")
-        targets.limit(None)
-        self._draw_once(transforms, "left", None, targets, filled)
+            self._light.reach(transforms, self._draw_view)
 
     @cached_property
     def _disparity_pass(self) -> moderngl.VertexArray:
@@ -143,53 +137,48 @@ class DrawPass:
         return program
 
     def _part(self, scenes: Sequence[Scene], eye: Eye, crop: Crop | None) -> Crop | None:
-        """Return the part of one eye's image that a crop needs in any of some scenes; None for the whole image."""
+        """Return the part of one eye's image that a crop needs in any of some scenes; None for the whole image.
+
+        The part is larger than the crop where the other eye's points are looked up in it.
+        """
         # Where a camera deviates, other rows are looked up, too.
         if crop is None or not all(scene.camera.rectified for scene in scenes):
             return None
-        looked_up = self._options.visibility and OTHER_EYE[eye] in self._options.truth_eyes
         # Pixels along edges take on colours of adjacent pixels.
-        border_px = 0 if self._edges is None else 1
-        parts = [
-            _drawn_part(scene, eye, crop, looked_up=looked_up, border_px=border_px, signed=self._options.signed)
-            for scene in scenes
-        ]
-        x, y = min(part.x_px for part in parts), min(part.y_px for part in parts)
-        return Crop(x, y, max(part.right_px for part in parts) - x, max(part.bottom_px for part in parts) - y)
+        left = right = border_px = 0 if self._edges is None else 1
+        if self._options.visibility and OTHER_EYE[eye] in self._options.truth_eyes:
+            # No disparity is larger than the near plane's, and none is smaller than that of infinity. Look-ups reach
+            # one pixel farther to each side; another pixel is for rounding.
+            border_px = 2
+            nearest = max(ceil(float(scene.camera.disparity_px(scene.near_m))) for scene in scenes)
+            farthest = max(ceil(scene.camera.doffs_px) for scene in scenes) if self._options.signed else 0
+            reach, behind = max(0, nearest) + 2, max(0, farthest) + 2
+            left, right = (behind, reach) if eye == "left" else (reach, behind)
+        camera = scenes[0].camera
+        x, y = max(0, crop.x_px - left), max(0, crop.y_px - border_px)
+        x_end, y_end = min(camera.width_px, crop.right_px + right), min(camera.height_px, crop.bottom_px + border_px)
+        return Crop(x, y, x_end - x, y_end - y)
 
     def _draw(self, pair: DrawnPair, eye: Eye, part: Crop | None) -> None:
         """Draw a part of one eye's view, or all of it; draw and read the image, too, if it takes a separate pass."""
-        transforms, targets = pair.transforms, pair.eyes[eye]
+        if pair.eyes[eye].names:
+            self._draw_view(pair.transforms, eye, part, pair.eyes[eye])
+            self._smooth(pair.transforms, eye, pair.eyes[eye], pair.crop)
+        if self._options.factor > 1:
+            pair.views[eye]["image"] = self._draw_samples(pair.transforms, eye, pair.crop, pair.sized)
+
+    def _draw_view(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None, targets: EyeTargets) -> None:
+        """Draw a part of one eye's view, or all of it, with one sample a pixel."""
         filled = self._state.models.fill(transforms, eye, part)
         seen: Sequence[DrawRange] = filled
         self._state.constants.write(transforms.scene, eye)
-        if targets.names:
-            targets.limit(part)
-            if View.normals.name in targets.names:
-                self._state.models.bind_triangles(transforms, eye)
-            seen = self._draw_once(transforms, eye, part, targets, filled)
-            self._smooth(transforms, eye, targets, pair.crop)
-        if self._options.factor > 1:
-            if seen is not filled:
-                # Instances that are hidden at the centres of pixels may show between them.
-                filled = self._state.models.fill(transforms, eye, part)
-            pair.views[eye]["image"] = self._draw_samples(transforms, eye, pair.crop, pair.sized, filled)
-
-    def _draw_once(
-        self,
-        transforms: InstanceTransforms,
-        eye: Eye,
-        part: Crop | None,
-        targets: EyeTargets,
-        filled: Sequence[DrawRange],
-    ) -> Sequence[DrawRange]:
-        """Draw a part of one eye's view with one sample a pixel; return the instances that were not found hidden."""
-        seen = filled
+        targets.limit(part)
+        if View.normals.name in targets.names:
+            self._state.models.bind_triangles(transforms, eye)
         if self._occlusion is not None:
             seen = self._occlusion.without_hidden(transforms, eye, part, targets, filled)
         targets.clear(depth=seen is filled)
-        self._draw_models(targets.names, seen, transforms.scene, eye, targets.framebuffer.width)
-        return seen
+        self._draw_models(targets, seen, transforms.scene, eye)
 
     def _smooth(self, transforms: InstanceTransforms, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
         """Antialias what was just drawn along outlines, or a part of it, if the caller wants that."""
@@ -198,18 +187,18 @@ class DrawPass:
             self._edges.draw(transforms, eye, targets, part, lit=transforms.scene.projector is not None)
 
     def _draw_samples(
-        self,
-        transforms: InstanceTransforms,
-        eye: Eye,
-        crop: Crop | None,
-        sized: SizedTargets,
-        filled: Sequence[DrawRange],
+        self, transforms: InstanceTransforms, eye: Eye, crop: Crop | None, sized: SizedTargets
     ) -> NDArray[np.uint8]:
         """Draw one eye's colour, or a crop of it, with several samples a pixel; return the image."""
-        fine, mean, factor = sized.fine, sized.mean, self._options.factor
+        factor = self._options.factor
+        fine = sized.drawn("fine", COLOUR, factor)
+        mean = sized.computed("mean", fine.attachments)
+        # All instances: those that are hidden at the centres of pixels may show between them.
+        filled = self._state.models.fill(transforms, eye, crop)
+        self._state.constants.write(transforms.scene, eye)
         fine.limit(None if crop is None else Crop(*(factor * each for each in window(crop, sized.size))))
         fine.clear()
-        self._draw_models(COLOUR, filled, transforms.scene, eye, fine.framebuffer.width)
+        self._draw_models(fine, filled, transforms.scene, eye)
         mean.limit(crop)
         mean.framebuffer.use()
         self._gl.enable_only(moderngl.NOTHING)
@@ -218,35 +207,14 @@ class DrawPass:
         image: NDArray[np.uint8] = mean.read("colour", crop)
         return image
 
-    def _draw_models(
-        self, names: tuple[str, ...], filled: Sequence[DrawRange], scene: Scene, eye: Eye, width_px: int
-    ) -> None:
-        """Draw runs of instances to attachments that are ``width_px`` wide."""
-        projector = scene.projector if "colour" in names else None
+    def _draw_models(self, targets: EyeTargets, filled: Sequence[DrawRange], scene: Scene, eye: Eye) -> None:
+        """Draw runs of instances to the targets in use."""
+        projector = scene.projector if "colour" in targets.names else None
         if projector is not None and self._light is not None:
-            self._light.use(projector, scene.camera, eye, width_px)
-        programs = self._programs(names, lit=projector is not None)
+            self._light.use(projector, scene.camera, eye, targets.framebuffer.width)
+        programs = self._programs(targets.names, lit=projector is not None)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         for part in filled:
             self._state.patches.use(part.atlas)
             self._state.models.draw(programs[part.atlas], part)
-
-
-def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool, border_px: int, signed: bool) -> Crop:
-    """Return the part of one eye's image that a crop needs; it is larger if the other eye's points are looked up in it.
-
-    ``border_px`` pixels are added on each side.
-    """
-    camera, left, right = scene.camera, border_px, border_px
-    if looked_up:
-        # No disparity is larger than the near plane's. Look-ups reach one pixel farther to each side; another pixel is
-        # for rounding.
-        border_px = 2
-        reach = max(0, ceil(float(camera.disparity_px(scene.near_m)))) + 2
-        # No disparity is smaller than that of infinity.
-        behind = max(0, ceil(camera.doffs_px) if signed else 0) + 2
-        left, right = (behind, reach) if eye == "left" else (reach, behind)
-    x, y = max(0, crop.x_px - left), max(0, crop.y_px - border_px)
-    x_end, y_end = min(camera.width_px, crop.right_px + right), min(camera.height_px, crop.bottom_px + border_px)
-    return Crop(x, y, x_end - x, y_end - y)

@@ -1,6 +1,6 @@
 """The flow pass: where the points that one eye sees are at another moment, and whether the same eye sees them then."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import moderngl
 import numpy as np
@@ -14,7 +14,7 @@ from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.programs import link_meshes
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.targets import Targets
+from semisynth_gl.render.targets import FLOW, Targets
 from semisynth_gl.scene.scene import Motion
 
 MOVE = np.dtype([("turn_and_shift", "<f4", (3, 4)), ("centre", "<f4", 3), ("", "<f4"), ("then", "<u4"), ("", "<u4", 3)])
@@ -26,19 +26,13 @@ _MOVES_BINDING, _FEWEST_MOVES = 4, 256
 _LARGEST_TURN = 1e30
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MotionTransforms:
-    """The motion of a scene's N instances to another moment, as the left eye sees it."""
+def place_moved(
+    transforms: InstanceTransforms, motion: Motion, composer: TransformComposer
+) -> tuple[InstanceTransforms, NDArray[np.void]]:
+    """Return the instances that are drawn at another moment, and how each of the scene's N instances moves, as `MOVE`.
 
-    then: InstanceTransforms  # the instances that are drawn at the other moment
-    moves: NDArray[np.void]  # (N,) of `MOVE`, how each of the scene's instances moves
-
-
-def place_moved(transforms: InstanceTransforms, motion: Motion, composer: TransformComposer) -> MotionTransforms:
-    """Place the other moment's instances, and compose how each instance moves.
-
-    Raises:
-        InputError: where the motion is not that of the scene's instances.
+    Moves are (N,) and as the left eye sees them. Raises InputError where the motion is not that of the scene's
+    instances.
     """
     now, then = transforms.scene, motion.scene
     if len(motion.instance) != len(now):
@@ -63,7 +57,7 @@ def place_moved(transforms: InstanceTransforms, motion: Motion, composer: Transf
     moves["turn_and_shift"][:, :, 3] = view_from_model[:, :3, 3] - centre
     moves["centre"] = centre
     moves["then"] = motion.instance.astype(np.uint32)  # -1 becomes GONE
-    return MotionTransforms(composer.compose(then), moves)
+    return composer.compose(then), moves
 
 
 class FlowPass:
@@ -76,20 +70,23 @@ class FlowPass:
         self._steps = ListedSteps(context, "flow.comp", 2, tile_px=1, entries=1)
         self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * MOVE.itemsize, dynamic=True)
 
-    def draw(self, pair: DrawnPair, moved: MotionTransforms, eye: Eye) -> Targets:
-        """Find the flow of one eye's view; return the targets of `FLOW` that hold it until the next call."""
-        then, targets = pair.sized.then, pair.sized.flow
+    def draw(self, pair: DrawnPair, then: InstanceTransforms, moves: NDArray[np.void], eye: Eye) -> Targets:
+        """Find the flow of one eye's view, to the result of `place_moved`; return the targets of `FLOW` that hold it.
+
+        The next call overwrites the targets.
+        """
+        drawn, targets = pair.sized.drawn("then", ("depth", "surface")), pair.sized.computed("flow", FLOW)
         context, models, constants = self._state.context, self._state.models, self._state.constants
         scene = pair.transforms.scene
-        filled = models.fill(moved.then, eye)
+        filled = models.fill(then, eye)
         context.gl.enable_only(moderngl.DEPTH_TEST)
         context.gl.depth_func = ">"
-        constants.write(moved.then.scene, eye)
-        then.clear()
+        constants.write(then.scene, eye)
+        drawn.clear()
         for part in filled:
             models.draw(self._draw_program, part)
 
-        moves = moved.moves.copy()
+        moves = moves.copy()
         moves["centre"][:, 0] -= scene.offset_m(eye).astype(np.float32)
         turn = scene.camera.turn(eye)
         if turn is not None:
@@ -98,9 +95,9 @@ class FlowPass:
             moves["centre"] = moves["centre"] @ turn.T
         refill(self._moves, moves)
         self._moves.bind_to_storage_buffer(_MOVES_BINDING)
-        models.bind_triangles(moved.then, eye)
+        models.bind_triangles(then, eye)
         pair.eyes[eye].bind(depth=0, surface=1)
-        then.bind(depth=2, surface=3)
+        drawn.bind(depth=2, surface=3)
         targets.bind_to_images(flow=0, disparity_change=1, flow_visibility=2)
         constants.write(scene, eye)
         self._steps.run(pair.area)

@@ -22,21 +22,13 @@ _LEAST_M = LEAST**2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InstanceTransforms:
-    """A scene's N instances as both eyes see them.
-
-    Attributes:
-        scene: the scene.
-        view_from_model: (N, 4, 4) float64, poses of the models relative to the left eye.
-        radius_m: (N,) float64, upper bound of an instance's reach from its centre.
-        solid: (N,) bool, whether only fronts can be seen from outside.
-        patch_from_uv: (N, 4) float64, scale and offset, (u, v) each, for the models' UV.
-    """
+    """A scene's N instances as both eyes see them."""
 
     scene: Scene
-    view_from_model: NDArray[np.float64]
-    radius_m: NDArray[np.float64]
-    solid: NDArray[np.bool_]
-    patch_from_uv: NDArray[np.float64]
+    view_from_model: NDArray[np.float64]  # (N, 4, 4) poses of the models relative to the left eye
+    radius_m: NDArray[np.float64]  # (N,) upper bound of an instance's reach from its centre
+    solid: NDArray[np.bool_]  # (N,) whether only fronts can be seen from outside
+    patch_from_uv: NDArray[np.float64]  # (N, 4) scale and offset, (u, v) each, for the models' UV
 
     def rows(self, eye: Eye) -> NDArray[np.float64]:
         """Return the first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""

@@ -39,21 +39,13 @@ _WHICH_END = np.indices((2, 2, 2)).reshape(3, 8).T
 
 @dataclass(frozen=True, slots=True)
 class _Runs:
-    """The triangles of all M models in R runs of about 128, model by model.
+    """The triangles of all M models in R runs of about 128, model by model."""
 
-    Attributes:
-        corners: (R, 8, 3) float64, corners of the runs' bounding boxes, in model units.
-        first_triangle: (R,) int64, first triangle of each run, counted within the model.
-        triangles: (R,) int64, how many triangles each run has.
-        first: (M,) int64, the first run of each model.
-        count: (M,) int64, how many runs each model has.
-    """
-
-    corners: NDArray[np.float64]
-    first_triangle: NDArray[np.int64]
-    triangles: NDArray[np.int64]
-    first: NDArray[np.int64]
-    count: NDArray[np.int64]
+    corners: NDArray[np.float64]  # (R, 8, 3) corners of the runs' bounding boxes, in model units
+    first_triangle: NDArray[np.int64]  # (R,) first triangle of each run, counted within the model
+    triangles: NDArray[np.int64]  # (R,) how many triangles each run has
+    first: NDArray[np.int64]  # (M,) the first run of each model
+    count: NDArray[np.int64]  # (M,) how many runs each model has
 
 
 class Occlusion:

@@ -45,23 +45,14 @@ def attachment_of(channel: Channel[Any]) -> str:
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """The options of a renderer; see also the arguments of `Renderer`.
+    """The options of a renderer; see also the arguments of `Renderer`."""
 
-    Attributes:
-        outputs: the outputs to make beside images and disparities.
-        truth_eyes: the eyes whose views have disparity and outputs.
-        rectified: whether all right cameras are rectified.
-        signed: whether disparities of 0 and below are valid.
-        outlines: whether colour is antialiased along outlines.
-        factor: how many times wider and higher colour is drawn for supersampling; 1 for none.
-    """
-
-    outputs: frozenset[str]
-    truth_eyes: tuple[Eye, ...]
-    rectified: bool
-    signed: bool
-    outlines: bool
-    factor: int
+    outputs: frozenset[str]  # to make beside images and disparities
+    truth_eyes: tuple[Eye, ...]  # the eyes whose views have disparity and outputs
+    rectified: bool  # whether all right cameras are rectified
+    signed: bool  # whether disparities of 0 and below are valid
+    outlines: bool  # whether colour is antialiased along outlines
+    factor: int  # how many times wider and higher colour is drawn for supersampling; 1 for none
 
     @classmethod
     def of(cls, outputs: Collection[str], truth: TruthViews, antialias: str, *, rectified: bool, signed: bool) -> Self:

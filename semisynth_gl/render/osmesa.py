@@ -29,13 +29,13 @@ def _load_library() -> ctypes.CDLL:
 
 
 class OSMesaContext:
-    """A current OSMesa core-profile context with a 1 x 1 default framebuffer (everything is drawn off screen anyway).
+    """A current OSMesa context of OpenGL 4.5 core, with a 1 x 1 default framebuffer: everything is drawn off screen.
 
     Raises:
-        BackendError: where the library is missing or does not offer the version asked for.
+        BackendError: where the library is missing or does not offer OpenGL 4.5.
     """
 
-    def __init__(self, major: int, minor: int) -> None:
+    def __init__(self) -> None:
         library = _load_library()
         create = library.OSMesaCreateContextAttribs
         create.restype = ctypes.c_void_p
@@ -48,13 +48,13 @@ class OSMesaContext:
         attributes = [
             *(_OSMESA_FORMAT, _OSMESA_RGBA, _OSMESA_DEPTH_BITS, 0, _OSMESA_STENCIL_BITS, 0),
             *(_OSMESA_PROFILE, _OSMESA_CORE_PROFILE),
-            *(_OSMESA_CONTEXT_MAJOR_VERSION, major, _OSMESA_CONTEXT_MINOR_VERSION, minor, 0, 0),
+            *(_OSMESA_CONTEXT_MAJOR_VERSION, 4, _OSMESA_CONTEXT_MINOR_VERSION, 5, 0, 0),
         ]
         self._library = library
         self._pixel = (ctypes.c_ubyte * 4)()
         self._handle: int | None = create((ctypes.c_int * len(attributes))(*attributes), None)
         if not self._handle:
-            raise BackendError(f"OSMesa offers no OpenGL {major}.{minor} core profile")
+            raise BackendError("OSMesa offers no OpenGL 4.5 core profile")
         self._make_current()
 
     def _make_current(self) -> None:

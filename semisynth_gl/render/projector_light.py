@@ -56,17 +56,17 @@ class ProjectorLight:
         self._buffer.bind_to_uniform_block(_BINDING)
         self._reached: InstanceTransforms | None = None
 
-    def reach(self, transforms: InstanceTransforms, draw: Callable[[InstanceTransforms, EyeTargets], object]) -> None:
-        """Draw the depth map of a scene's projector. A second call with the same transforms does nothing.
+    def reach(
+        self, transforms: InstanceTransforms, draw: Callable[[InstanceTransforms, Eye, None, EyeTargets], None]
+    ) -> None:
+        """Draw the depth map of a scene's projector; ``draw`` draws one eye's whole view of instances to targets.
 
-        Args:
-            transforms: the scene's instances.
-            draw: draws the left eye's view of instances to targets.
+        A second call with the same transforms does nothing.
         """
         projector = transforms.scene.projector
         if projector is None or transforms is self._reached:
             return
-        draw(_seen_by(projector, transforms, self._size), self._targets)
+        draw(_seen_by(projector, transforms, self._size), "left", None, self._targets)
         self._reached = transforms
 
     def use(self, projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> None:

@@ -4,14 +4,13 @@ from collections.abc import Mapping
 
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import View
-from semisynth_gl.render.correspondence import CorrespondencePass
 from semisynth_gl.render.flow import FlowPass, place_moved
 from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.options import attachment_of
+from semisynth_gl.render.other_eye import CorrespondencePass, VisibilityPass
 from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.targets import CORRESPONDENCE
-from semisynth_gl.render.visibility import VisibilityPass
+from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY
 from semisynth_gl.scene.scene import Motion
 
 
@@ -28,7 +27,8 @@ class ReadbackPass:
     def find_visibility(self, pair: DrawnPair) -> None:
         """Run the visibility pass on a rectified pair; in other pairs, `read` finds visibility by correspondences."""
         if self._visibility is not None and pair.transforms.scene.camera.rectified:
-            self._visibility.draw(pair, self._options.truth_eyes)
+            for eye in self._options.truth_eyes:
+                self._visibility.draw(pair, eye)
 
     def read(self, pair: DrawnPair, motions: Mapping[str, Motion | None]) -> None:
         """Add the channels that are missing to the pair's views.
@@ -53,7 +53,7 @@ class ReadbackPass:
             if channel.name not in view and (channel is View.image or drawn):
                 view[channel.name] = targets.read(attachment_of(channel), pair.crop)
         if self._visibility is not None and rectified and eye in self._options.truth_eyes:
-            view["visibility"] = pair.sized.visibility[eye].read("visibility", pair.crop)
+            view["visibility"] = pair.sized.computed(f"visibility {eye}", VISIBILITY).read("visibility", pair.crop)
 
     def _read_correspondence(self, correspondence: CorrespondencePass, pair: DrawnPair) -> None:
         """Find and read the correspondences and, for a pair that deviates, disparities and masks."""
@@ -66,12 +66,12 @@ class ReadbackPass:
 
     def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, outputs: list[str]) -> None:
         """Find the flow to another moment, and read its channels."""
-        moved = place_moved(pair.transforms, motion, self._composer)
+        then, moves = place_moved(pair.transforms, motion, self._composer)
         of_moment = [row for row in self._options.drawn_by("flow") if row.output in outputs]
         for eye in self._options.truth_eyes:
             channels = [row for row in of_moment if row.name not in pair.views[eye]]
             if not channels:
                 continue
-            targets = flow_pass.draw(pair, moved, eye)
+            targets = flow_pass.draw(pair, then, moves, eye)
             for channel in channels:
                 pair.views[eye][channel.name] = targets.read(attachment_of(channel), pair.crop)

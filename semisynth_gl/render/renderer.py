@@ -30,7 +30,7 @@ from semisynth_gl.render.draw_pass import DrawPass
 from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.options import OF_BOTH_VIEWS, RenderOptions
-from semisynth_gl.render.pair_targets import TargetCache
+from semisynth_gl.render.pair_targets import SizedTargets
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readback_pass import ReadbackPass
 from semisynth_gl.render.readers import Reader, read_array
@@ -41,6 +41,8 @@ Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
 
 _MOST_INSTANCE_IDS = 65535
+# Pairs have one size, and images for lenses another one for each eye.
+_MOST_SIZES = 3
 _NO_ERROR, _UNKNOWN_ERROR = "GL_NO_ERROR", "GL_UNKNOWN_ERROR"
 
 
@@ -122,7 +124,7 @@ class Renderer:
                 self._state = RenderState(
                     self._context, buffers, patches, anisotropies, constants, self._options, read, pattern
                 )
-                self._targets = TargetCache(self._state)
+                self._targets: dict[tuple[int, int], SizedTargets] = {}  # by image size, the latest last
                 self._drawing = DrawPass(self._state)
                 self._reading = ReadbackPass(self._state, self._composer)
                 reported = self._gl.error
@@ -211,23 +213,12 @@ class Renderer:
             BackendError: as `render` does.
         """
         self._check_open()
-        if not cameras:
-            raise InputError("expected at least one, got none", argument="cameras")
-        for camera in cameras:
-            if camera.left_alone != scene.camera.left_alone:
-                raise InputError(
-                    f"cameras: expected cameras that differ from the scene's in the right eye alone, {scene.camera}, "
-                    f"got {camera}"
-                )
         motions = {"future": future, "past": past}
-        self._check_request(scene, motions)
-        scenes = [replace(scene, camera=camera) for camera in cameras]
-        for shown in scenes:
-            self._check(shown)
+        self._check_request(scene, cameras, motions)
         frames = []
         with self._current():
-            sized = self._targets.of(scene.camera)
-            transforms = [self._composer.compose(shown) for shown in scenes]
+            sized = self._sized(scene.camera)
+            transforms = [self._composer.compose(replace(scene, camera=camera)) for camera in cameras]
             for pair in self._drawing.draw(transforms, crop, sized):
                 self._finish("draw")
                 self._reading.find_visibility(pair)
@@ -242,8 +233,19 @@ class Renderer:
                 array.flags.writeable = False
         return frames
 
-    def _check_request(self, scene: Scene, motions: Mapping[str, Motion | None]) -> None:
-        """Raise InputError where the scene cannot be drawn, or an output's motion is missing or has another camera."""
+    def _check_request(
+        self, scene: Scene, cameras: Sequence[StereoCamera], motions: Mapping[str, Motion | None]
+    ) -> None:
+        """Raise InputError where the scene cannot be drawn with the cameras, or a motion is missing or does not fit."""
+        if not cameras:
+            raise InputError("expected at least one, got none", argument="cameras")
+        for camera in cameras:
+            if camera.left_alone != scene.camera.left_alone:
+                raise InputError(
+                    f"cameras: expected cameras that differ from the scene's in the right eye alone, {scene.camera}, "
+                    f"got {camera}"
+                )
+            self._check(replace(scene, camera=camera))
         for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
             self._check(shown)
         for name, motion in motions.items():
@@ -275,9 +277,19 @@ class Renderer:
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"expected some of {', '.join(EYES)}, got {eyes!r}", argument="eyes")
         with self._current():
-            sized = self._targets.of(scene.camera)
+            sized = self._sized(scene.camera)
             transforms = self._composer.compose(scene)
             return {eye: self._drawing.draw_image(transforms, eye, sized) for eye in eyes}
+
+    def _sized(self, camera: StereoCamera) -> SizedTargets:
+        """Return the targets of a camera's image size; those of the latest sizes are cached."""
+        size, cached = (camera.width_px, camera.height_px), self._targets
+        cached[size] = cached.pop(size) if size in cached else SizedTargets(self._state, size)
+        if len(cached) > _MOST_SIZES:
+            # moderngl binds the framebuffer in use again after making another one, so it must not be one that is gone.
+            self._gl.screen.use()
+            cached.pop(next(iter(cached))).release()
+        return cached[size]
 
     def _finish(self, stage: RenderStage) -> None:
         """Tell the listener, if there is one, of the end of a stage, which the driver finishes first."""

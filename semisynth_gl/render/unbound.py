@@ -7,14 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.errors import BackendError
-
 _GL_LOWER_LEFT = 0x8CA1
 _GL_ZERO_TO_ONE = 0x935F
 _GL_DITHER = 0x0BD0
-_GL_RENDERBUFFER = 0x8D41
 _GL_DEPTH_COMPONENT32F = 0x8CAC
-_GL_RENDERBUFFER_DEPTH_SIZE = 0x8D54
 _GL_COLOR, _GL_DEPTH = 0x1800, 0x1801
 _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T = 0x2802, 0x2803
 _GL_MIRRORED_REPEAT = 0x8370
@@ -22,7 +18,7 @@ _GL_TEXTURE_BASE_LEVEL, _GL_TEXTURE_MAX_LEVEL = 0x813C, 0x813D
 _GL_R8, _GL_R32F, _GL_RGB8, _GL_RGBA8, _GL_RED, _GL_RGBA = 0x8229, 0x822E, 0x8051, 0x8058, 0x1903, 0x1908
 _GL_UNSIGNED_BYTE, _GL_COLOR_ATTACHMENT0, _GL_UNPACK_ALIGNMENT = 0x1401, 0x8CE0, 0x0CF5
 
-_UINT, _INT, _INTS = ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_int)
+_UINT, _INT = ctypes.c_uint, ctypes.c_int
 _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
 
 
@@ -35,9 +31,7 @@ class UnboundCalls:
 
         self._clip_control = function("glClipControl", _UINT, _UINT)
         self._disable = function("glDisable", _UINT)
-        self._bind = function("glBindRenderbuffer", _UINT, _UINT)
-        self._storage = function("glRenderbufferStorage", _UINT, _UINT, _INT, _INT)
-        self._parameter = function("glGetRenderbufferParameteriv", _UINT, _UINT, _INTS)
+        self._storage = function("glNamedRenderbufferStorage", _UINT, _UINT, _INT, _INT)
         self._clear_float = function("glClearBufferfv", _UINT, _INT, _FLOATS)
         self._clear_unsigned = function("glClearBufferuiv", _UINT, _INT, _UINTS)
         self._texture_parameter = function("glTextureParameteri", _UINT, _UINT, _INT)
@@ -104,15 +98,5 @@ class UnboundCalls:
         self._attach_level(framebuffer, _GL_COLOR_ATTACHMENT0, texture, level)
 
     def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int) -> None:
-        """Give a renderbuffer 32-bit float depth storage; moderngl's own is 24-bit integer.
-
-        Raises:
-            BackendError: where the driver gives less than 32 bits.
-        """
-        self._bind(_GL_RENDERBUFFER, renderbuffer)
-        self._storage(_GL_RENDERBUFFER, _GL_DEPTH_COMPONENT32F, width_px, height_px)
-        bits = ctypes.c_int(0)
-        self._parameter(_GL_RENDERBUFFER, _GL_RENDERBUFFER_DEPTH_SIZE, ctypes.byref(bits))
-        self._bind(_GL_RENDERBUFFER, 0)
-        if bits.value != 32:
-            raise BackendError(f"a 32-bit float depth buffer is needed, the driver gave {bits.value} bits")
+        """Give a renderbuffer 32-bit float depth storage, which all drivers have; moderngl's own is 24-bit integer."""
+        self._storage(renderbuffer, _GL_DEPTH_COMPONENT32F, width_px, height_px)

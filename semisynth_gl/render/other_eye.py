@@ -1,16 +1,42 @@
-"""The correspondence pass: where the other eye sees the points that one eye sees, even if right cameras deviate."""
+"""The passes that compare both eyes' views: which points of one view the other eye sees, and where."""
 
 import numpy as np
 
 from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
+from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.render.listed_steps import ListedSteps
 from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.targets import Targets
+from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY, Targets
+
+_TILE_PX = 4
+# Most entries of the visibility pass for a tile: one in each of two lists of tiles, and all its pixels in another list.
+_ENTRIES = 2 + _TILE_PX**2
+
+
+class VisibilityPass:
+    """Marks the pixels of one eye's image that the other eye sees too, in four compute steps; see visibility.comp."""
+
+    def __init__(self, state: RenderState) -> None:
+        self._state = state
+        self._steps = ListedSteps(state.context, "visibility.comp", 4, _TILE_PX, _ENTRIES)
+
+    def draw(self, pair: DrawnPair, eye: Eye) -> None:
+        """Fill the targets of one eye's visibility, or a crop of them, from both eyes' disparities and surfaces."""
+        targets, other = pair.sized.computed(f"visibility {eye}", VISIBILITY), OTHER_EYE[eye]
+        targets.limit(pair.crop)
+        targets.bind_to_images(visibility=0)
+        pair.eyes[eye].bind(disparity=0, surface=2)
+        pair.eyes[other].bind(disparity=1, surface=3)
+        self._state.models.bind_triangles(pair.transforms, other)
+        self._state.constants.write(pair.transforms.scene, other)
+        targets.framebuffer.use()
+        self._state.context.unbound.clear_unsigned(0, VISIBLE)
+        self._steps.run(pair.area)
 
 
 class CorrespondencePass:
-    """Compares both eyes' depths and surfaces in two compute steps; see flow.comp."""
+    """Finds where the other eye sees the points that one eye sees, even if right cameras deviate; see flow.comp."""
 
     def __init__(self, state: RenderState) -> None:
         self._state = state
@@ -23,7 +49,7 @@ class CorrespondencePass:
         The targets are those of `CORRESPONDENCE`. In a rectified pair the correspondences follow from the view's
         disparities, and the disparity and the visibility of the targets are not needed: other passes find better ones.
         """
-        targets = pair.sized.correspondence
+        targets = pair.sized.computed("correspondence", CORRESPONDENCE)
         scene, camera, other = pair.transforms.scene, pair.transforms.scene.camera, OTHER_EYE[eye]
         self._steps.set("rectified", camera.rectified)
         self._steps.set("turn_and_shift", _turn_and_shift(camera, eye))
