@@ -33,7 +33,6 @@ _MOST_TEXELS = 1 << 31
 TEXTURE_SOURCES = BUILT_IN["textures"]
 """The program's own sources of patches; any other name is a plug-in's."""
 
-_Density = Literal["sparse", "default", "dense"]
 _Paths = Annotated[tuple[PathText, ...], FROM_LIST]
 
 
@@ -168,8 +167,8 @@ class ParticlesSection(Section):
     """depth layers, as in ``clutter``; by default solved from ``disparity.target``"""
     clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] = ()
     """further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges"""
-    density: _Density | Annotated[float, Field(ge=SMALLEST, le=_MOST_PARTICLES)] = "default"
-    """mean number in view, or ``default``, ``sparse`` (a third, larger), ``dense`` (three times, smaller)"""
+    density: Literal["sparse", "default", "dense"] = "default"
+    """number in view: ``default``, ``sparse`` (a third, larger), ``dense`` (three times, smaller)"""
     size_px: PositiveRange = Range(40.0, 300.0)
     """diameter of a model, log-uniform"""
     size_m: PositiveRange | None = None
@@ -192,8 +191,6 @@ class ParticlesSection(Section):
     def _rules(self) -> Iterator[Rule]:
         text = "give either density or layers, not both: each layer states its own count"
         yield self.layers is not None and self.density != "default", text, ("density", "layers")
-        text = f"density asks for {self.density} particles in view, but most allows {self.most} in a scene"
-        yield not isinstance(self.density, str) and self.density > self.most, text, ("density", "most")
 
 
 class ModelsSection(Section):

@@ -108,8 +108,8 @@ class DisparitySolver:
         layers that the config states, and of nothing else.
 
         Raises:
-            InputError: where a layer that the config states lies beyond infinity, or the target cannot be met: not
-                with ``particles.most`` particles as wide as the image, or not at ``particles.density``.
+            InputError: where a layer that the config states lies beyond infinity, or the target cannot be met with
+                ``particles.most`` particles.
         """
         for number, (disparity_px, *_) in enumerate(self._stated):
             key = "layers" if number < len(self._config.particles.layers or ()) else "clutter"
@@ -129,8 +129,7 @@ class DisparitySolver:
     def expected(self) -> Histogram:
         """Return the mean distribution of the dataset, in the bins of ``target``, by the Boolean model of pilot scenes.
 
-        Raises:
-            InputError: where the target cannot be met, see `sample`.
+        Raises InputError where the target cannot be met, see `sample`.
         """
         if self._solved:
             return Histogram.from_counts(self.target.edges_px, self._aim.achieved)
@@ -141,34 +140,16 @@ class DisparitySolver:
     def _aim(self) -> _Aim:
         """The aim of all scenes, at the sizes that the density asks for."""
         density, sizes = self._config.particles.density, stated_sizes(self._config.particles)
-        if not isinstance(density, str):
-            sizes = sizes.scaled(self._scale(sizes, density, stated=True))
-        elif density != "default":
-            sizes = sizes.scaled(self._scale(sizes, _DENSITY[density] * self._in_view(sizes), stated=False))
+        if density != "default":
+            sizes = sizes.scaled(self._scale(sizes, _DENSITY[density] * self._in_view(sizes)))
         return self._corrected(sizes)
 
-    def _scale(self, sizes: Sizes, wanted: float, *, stated: bool) -> float:
-        """Return the factor of sizes at which a wanted number of objects is in the left view on average.
-
-        A number that is too large is refused. One that is too small is refused where the config states it; else the
-        result comes as near as it can.
-        """
+    def _scale(self, sizes: Sizes, wanted: float) -> float:
+        """Return the factor of sizes at which about a wanted number of objects is in the left view on average."""
         # At the largest factor, the largest particles of the nearest layer are as wide as the image.
         camera = self._pilots[0].camera
         largest_px = float(sizes.radius_px(camera, np.array(self._layers.high_px.max()), np.array(1.0)))
         low, high = _SMALLEST, max(1.0, camera.width_px / 2 / largest_px)
-        fewest, largest_number = self._in_view(sizes.scaled(high)), self._in_view(sizes.scaled(low))
-        if wanted > largest_number:
-            raise InputError(
-                f"particles.density: {wanted:.0f} objects in view would be smaller than {_SMALLEST:g} of the stated "
-                f"sizes, at which there are {largest_number:.0f}: ask for fewer, or state smaller sizes"
-            )
-        if wanted < fewest and stated:
-            raise InputError(
-                f"particles.density: {wanted:g} objects cannot cover what disparity.target asks for: it takes about "
-                f"{fewest:.0f} in view even where they are up to as wide as the image. Ask for more, or for a target "
-                "that shows more of the background"
-            )
         for _ in range(_HALVINGS):
             # The number falls as sizes grow, about with their square.
             middle = (low * high) ** 0.5

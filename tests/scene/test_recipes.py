@@ -99,7 +99,7 @@ def test_a_preview_shows_each_recipe_and_says_what_it_is(tmp_path):
 
 BASE = (
     "extends: middlebury\nname: mine\n"
-    "scenes: []\nparticles: {density: 300, drift: 0.1}\nmodels: {kinds: {mug: 3, chair: 0}}\n"
+    "scenes: []\nparticles: {density: dense, drift: 0.1}\nmodels: {kinds: {mug: 3, chair: 0}}\n"
     "structures: {ground: 1, ground_disparity_px: [60, 80]}\n"
 )
 
@@ -211,8 +211,8 @@ def test_a_dataset_of_several_recipes_comes_to_its_target():
 
 
 def test_faults_of_a_recipes_scenes_name_it():
-    sampler = sampler_of(mixed(small(), [{"recipe": "few", "particles": {"density": 1}}]))
-    with pytest.raises(InputError, match=r"^recipe few: particles\.density: 1 objects cannot cover"):
+    sampler = sampler_of(mixed(small(), [{"recipe": "few", "particles": {"most": 1}}]))
+    with pytest.raises(InputError, match=r"^recipe few: disparity\.target takes about"):
         sampler.sample(0)
 
 
