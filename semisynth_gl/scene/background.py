@@ -56,9 +56,7 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
     """Sample a far plane, a table of one row, that fills both views at any moment of the sway.
 
     As ``sky`` the plane is infinitely far away; its depth is where its texture lies and where a ground before it ends.
-
-    Raises:
-        InputError: where the sampled disparity lies beyond infinity, or the plane would have to be endless.
+    Raises InputError where the sampled disparity lies beyond infinity, or the plane would have to be endless.
     """
     camera, sway = rig.camera, rig.sway
     disparity_px = config.background.plane_disparity_px.sample(rng)
@@ -99,13 +97,9 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
 def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) -> tuple[Instances, Floats]:
     """Sample the inside of a cuboid, in which both cameras stand.
 
-    Returns:
-        A table of six rows, walls in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras) of the
-        cuboid's axes, and the depths (R,) that the left view shows at the points of `grid_px`. The depth of a wall is
-        the median that the left view shows, or for a hidden wall the sampled one.
-
-    Raises:
-        InputError: where the sampled disparity of the wall lies beyond infinity.
+    Returns a table of six rows, walls in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras) of the
+    cuboid's axes, and the depths (R,) that the left view shows at the points of `grid_px`. The depth of a wall is the
+    median that the left view shows, or for a hidden wall the sampled one. Raises InputError as `sample_wall_px` does.
     """
     camera, turn = rig.camera, np.deg2rad(config.background.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)

@@ -32,11 +32,7 @@ class Pilot(NamedTuple):
 
 
 def sample_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
-    """Sample the 32 pilot scenes of a recipe, or load them from the cache.
-
-    Raises:
-        InputError: see `sample_static_scene`.
-    """
+    """Sample the 32 pilot scenes of a recipe, or load them from the cache; errors are `sample_static_scene`'s."""
 
     def key() -> dict[str, Any]:
         models = hashlib.sha256()

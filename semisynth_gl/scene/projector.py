@@ -31,8 +31,7 @@ def sample_projector(section: ProjectorSection, rng: np.random.Generator) -> Pro
 def find_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
     """Paint or read the pattern, (H, W) uint8: it belongs to the projector, so all pairs and datasets have the same.
 
-    Raises:
-        InputError: where its file cannot be read, is transparent, or has another size.
+    Raises InputError where its file cannot be read, is transparent, or has another size.
     """
     height, width = section.pattern_height_px, section.pattern_width_px
     if section.painted:

@@ -132,10 +132,8 @@ def sample_rig(config: Config, generator_for: Callable[[Purpose], np.random.Gene
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     """Return the depth of the near plane, at which the largest disparity of the image is ``max_px``.
 
-    For a right camera that deviates, the plane is far enough away for its rectified twin, too.
-
-    Raises:
-        InputError: where ``min_px`` lies beyond infinity for this camera, or the deviation alone takes ``max_px``.
+    For a right camera that deviates, the plane is far enough away for its rectified twin, too. Raises InputError where
+    ``min_px`` lies beyond infinity for this camera, or the deviation alone takes ``max_px``.
     """
     check_reachable(camera, section.min_px, "disparity.min_px")
     depth_m = plane_m = float(camera.depth_m(section.max_px))
@@ -177,8 +175,7 @@ def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
 def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:
     """Check that a disparity, which the config states under ``key``, has a depth in front of the camera.
 
-    Raises:
-        InputError: where d + doffs is not positive: the two rays of a point with this disparity never meet.
+    Raises InputError where d + doffs is not positive: the two rays of a point with this disparity never meet.
     """
     if disparity_px + camera.doffs_px <= 0:
         raise InputError(

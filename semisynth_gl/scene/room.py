@@ -1,6 +1,5 @@
 """A room: a box with floor, walls and ceiling, doorways and niches."""
 
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -36,13 +35,11 @@ def _pierced(low: Corner, high: Corner, name: str) -> Mesh:
     ]
     x, y = (np.concatenate([grid.ravel() for grid in grids]) for grids in zip(np.meshgrid(*lines), strict=True))
     width = len(lines[0])
-    triangles = []
-    for j, (top, bottom) in enumerate(pairwise(lines[1])):
-        for i, (left, right) in enumerate(pairwise(lines[0])):
-            if low[0] <= left and right <= high[0] and low[1] <= top and bottom <= high[1]:
-                continue
-            first = j * width + i
-            triangles += [(first, first + 1, first + width + 1), (first, first + width + 1, first + width)]
+    in_hole = [(a <= line[:-1]) & (line[1:] <= b) for line, a, b in zip(lines, low, high, strict=True)]
+    row, column = np.nonzero(~np.outer(in_hole[1], in_hole[0]))
+    first = row * width + column
+    halves = [(first, first + 1, first + width + 1), (first, first + width + 1, first + width)]
+    triangles = np.transpose(halves, (2, 0, 1)).reshape(-1, 3)
     return make_mesh(name, np.c_[x, y, np.zeros(len(x))], np.c_[x, y], triangles)
 
 
@@ -57,11 +54,7 @@ NICHES: Final = tuple(_pierced(*_hole(k, _NICHE_ROWS), "wall with a niche") for 
 
 
 def sample_room(config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.random.Generator) -> Arrangement:
-    """Sample a room with everything in it; nothing comes nearer than the near plane.
-
-    Raises:
-        InputError: where the sampled disparity of the wall lies beyond infinity.
-    """
+    """Sample a room with everything in it; nothing comes nearer than the near plane. Errors are `sample_wall_px`'s."""
     section, background, camera = config.room, config.background, rig.camera
     wall_px = sample_wall_px(config, camera, rng)
     wall_m = float(camera.depth_m(wall_px))

@@ -40,10 +40,8 @@ def sample_street(
 ) -> Arrangement:
     """Sample a street; nothing comes nearer than the near plane.
 
-    The first thing of the arrangement is the backdrop: a far plane or, with ``sky``, the sky.
-
-    Raises:
-        InputError: see `sample_plane`.
+    The first thing of the arrangement is the backdrop: a far plane or, with ``sky``, the sky. Errors are those of
+    `sample_plane`.
     """
     section, near_m = config.street, rig.near_m
     [backdrop] = sample_plane(config, rig, rng, sky=sky)

@@ -71,10 +71,8 @@ def sample_static_scene(
 ) -> StaticScene:
     """Sample the static scene of one sequence.
 
-    ``generator_for`` returns the generator for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY.
-
-    Raises:
-        InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
+    ``generator_for`` returns the generator for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY. Raises InputError
+    where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
     """
     rig = sample_rig(config, generator_for)
     camera, near_m, rng = rig.camera, rig.near_m, generator_for(Purpose.BACKGROUND)
@@ -112,10 +110,8 @@ def sample_structures(config: Config, rig: SequenceRig, far_m: float, rng: np.ra
     """Sample the structures in front of a background, which ends at a depth; each has the depth of its nearest vertex.
 
     No structure comes nearer than the near plane in either view. Where the camera sways, only the ground keeps this
-    distance, and the near plane cuts off panels that come too near.
-
-    Raises:
-        InputError: where ``ground_disparity_px`` or ``panel_disparity_px`` lies beyond infinity.
+    distance, and the near plane cuts off panels that come too near. Raises InputError where ``ground_disparity_px`` or
+    ``panel_disparity_px`` lies beyond infinity.
     """
     section, sampled = config.structures, list[tuple[int, Floats]]()
     if rng.random() < section.ground:
