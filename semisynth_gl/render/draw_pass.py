@@ -25,11 +25,7 @@ from semisynth_gl.scene.scene import Scene
 
 
 class DrawPass:
-    """Draws both eyes' views.
-
-    Raises:
-        BackendError: where the driver refuses a program, or cannot hold the buffers of antialiasing.
-    """
+    """Draws both eyes' views; raises BackendError where the driver refuses a program."""
 
     def __init__(self, state: RenderState) -> None:
         self._state, self._options = state, state.options

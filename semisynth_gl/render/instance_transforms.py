@@ -48,11 +48,7 @@ class InstanceTransforms:
 
 
 class TransformComposer:
-    """Composes the transforms of scenes that are made of these models.
-
-    Raises:
-        InputError: where a model is too small or too large for float32.
-    """
+    """Composes the transforms of scenes of these models; a model too small or large for float32 is an InputError."""
 
     def __init__(self, models: Sequence[Mesh]) -> None:
         self._radius = np.array([model.radius for model in models])
@@ -67,8 +63,7 @@ class TransformComposer:
     def compose(self, scene: Scene) -> InstanceTransforms:
         """Compose the poses of a scene's instances, for both eyes.
 
-        Raises:
-            InputError: where an instance is too small, too large or too far away for float32.
+        Raises InputError where an instance is too small, too large or too far away for float32.
         """
         view_from_model = scene.view_from_model()
         linear = view_from_model[:, :3, :3]

@@ -15,11 +15,7 @@ class SizedTargets:
     """All targets for images and pairs of one size, each made when a pass first asks for it.
 
     A ``use`` tells targets with the same attachments apart. Making any of them raises BackendError where the driver
-    refuses the size.
-
-    Args:
-        state: the renderer's context, and what it is to draw.
-        size: width and height, px.
+    refuses the ``size``, width and height in px.
     """
 
     def __init__(self, state: RenderState, size: tuple[int, int]) -> None:

@@ -37,12 +37,7 @@ def link_program(
 def link_meshes(context: GraphicsContext, defines: Mapping[str, int]) -> moderngl.Program:
     """Link mesh.vert and mesh.frag, which draw models, for a driver that moves corners or one that does not.
 
-    Args:
-        context: the context.
-        defines: numbers to define in mesh.frag, besides SNAPPED.
-
-    Raises:
-        BackendError: as `link_program` does.
+    ``defines`` are for mesh.frag, besides SNAPPED. Errors are those of `link_program`.
     """
     steps = context.corner_steps
     snapped = {} if steps is None else {"SNAPPED": steps}
@@ -50,11 +45,7 @@ def link_meshes(context: GraphicsContext, defines: Mapping[str, int]) -> moderng
 
 
 def link_compute(context: GraphicsContext, compute: str, defines: Mapping[str, int]) -> moderngl.ComputeShader:
-    """Compile and link a compute shader; see `shader_source`.
-
-    Raises:
-        BackendError: where the driver refuses the shader.
-    """
+    """Compile and link a compute shader, see `shader_source`; raise BackendError where the driver refuses it."""
     try:
         return context.gl.compute_shader(shader_source(compute, defines))
     except moderngl.Error as error:

@@ -33,15 +33,10 @@ _NEARER = 0.1
 
 
 class ProjectorLight:
-    """The light of the projectors that throw one pattern.
+    """The light of the projectors that throw one pattern, (H, W) uint8.
 
-    Args:
-        state: the renderer's context.
-        pattern: (H, W) uint8.
-
-    Raises:
-        InputError: where the pattern has another shape or type.
-        BackendError: where the driver has no images of its size.
+    Raises InputError where the pattern has another shape or type, and BackendError where the driver has no images of
+    its size.
     """
 
     def __init__(self, state: RenderState, pattern: NDArray[np.uint8]) -> None:
