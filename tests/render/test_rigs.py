@@ -230,13 +230,10 @@ def test_scenes_are_made_for_their_longest_baseline():
     section = CameraSection(width_px=64, height_px=48, focal_px=Range(60, 80), baseline_m=Range(0.1, 0.5), baselines=4)
     plain = section.model_copy(update={"baselines": 1})
     for number in range(20):
-        camera = sample_cameras(section, generator(0, Purpose.CAMERA, number))[0]
-        assert camera == sample_cameras(plain, generator(0, Purpose.CAMERA, number))[0]
-        rng = generator(0, Purpose.CAMERA, number)
-        views = sample_cameras(section, rng)
-        assert views[0].baseline_m == camera.baseline_m
+        views, (alone,) = (sample_cameras(each, generator(0, Purpose.CAMERA, number)) for each in (section, plain))
+        assert views[0] == alone
         assert len({view.baseline_m for view in views}) == 4
-        assert all(0.1 <= view.baseline_m <= 0.5 and view.left_alone == camera.left_alone for view in views)
+        assert all(0.1 <= view.baseline_m <= 0.5 and view.left_alone == alone.left_alone for view in views)
 
 
 def test_doffs_is_the_longest_baselines_unless_the_right_principal_point_is_stated():
