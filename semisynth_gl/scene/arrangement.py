@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +11,7 @@ from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
-from semisynth_gl.scene.instances import Instances, new_instances
+from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
 from semisynth_gl.scene.resting import surfaces_below
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.scene import placed_vertices
@@ -66,16 +65,6 @@ class Catalogue:
         return np.asarray(self.high[number] - self.low[number])
 
 
-class Thing(NamedTuple):
-    """A static instance on a floor."""
-
-    model: int  # number in the catalogue
-    pose: Floats  # (4, 4) floor_from_model, metres
-    unit_m: ArrayLike  # lengths of one unit of u and of v, metres
-    texture: int  # number of the thing whose texture it wears: its own, or an earlier one's
-    large: bool  # whether it wears a large patch, where the atlas has any
-
-
 @dataclass(slots=True, eq=False)
 class Arrangement:
     """The static instances of a room or a street, gathered one by one in the floor's frame; see `camera_over_floor`."""
@@ -86,14 +75,13 @@ class Arrangement:
     metre: float  # length of one metre of the arrangement, which may be scaled, in true metres
     rng: np.random.Generator
     farthest_m: float = np.inf  # depth that no view exceeds, if the walls could be brought in that far
-    things: list[Thing] = field(default_factory=list)
+    things: list[np.void] = field(default_factory=list)  # rows of `INSTANCE`, whose poses are floor_from_model
     taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles on the floor: x, y and radius
     raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)  # opposite corners, height of the floor
 
     def table(self) -> Instances:
         """Return the table of the instances in the left camera's frame. Each has the depth of its origin."""
-        columns = {name: [getattr(thing, name) for thing in self.things] for name in Thing._fields}
-        table = new_instances(len(self.things), **columns)
+        table = np.array(self.things, INSTANCE)
         table["pose"] = self.camera_from_floor @ table["pose"]
         table["depth_m"] = np.maximum(table["pose"][:, 2, 3], self.rig.near_m)
         return table
@@ -124,10 +112,13 @@ class Arrangement:
     def add(
         self, model: int, pose: Floats, unit_m: ArrayLike, texture: int | None = None, *, large: bool = True
     ) -> int:
-        """Add a `Thing`, which by default wears a texture that nothing else wears; return its number."""
+        """Add a thing, which by default wears a texture that nothing else wears; return its number.
+
+        ``model`` is its number in the catalogue. The other arguments are columns of `INSTANCE`.
+        """
         number = len(self.things)
-        unit = np.broadcast_to(unit_m, 2)
-        self.things.append(Thing(model, pose, unit, number if texture is None else texture, large))
+        worn = number if texture is None else texture
+        self.things.append(new_instances(1, model=model, pose=pose, unit_m=unit_m, texture=worn, large=large)[0])
         return number
 
     def add_rectangle(
@@ -195,8 +186,8 @@ class Arrangement:
     def top(self, number: int, x: float, y: float) -> float | None:
         """Return the height of a thing's top over a point (x, y) of the floor; None where the top is not level."""
         thing = self.things[number]
-        mesh = self.catalogue.models[thing.model]
-        corners = placed_vertices(mesh, thing.pose)[mesh.triangles]
+        mesh = self.catalogue.models[thing["model"]]
+        corners = placed_vertices(mesh, thing["pose"])[mesh.triangles]
         height, normal = surfaces_below(corners, np.array([[x, y, np.inf]]))
         return float(height[0]) if normal[0, 2] >= _LEVEL else None
 

@@ -77,7 +77,7 @@ def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m:
 
 def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None:
     """Sample a position (x, y, z) on top of the thing with a number; return None where the top is not level there."""
-    model, pose, *_ = room.things[number]
+    model, pose = room.things[number]["model"], room.things[number]["pose"]
     low, high = room.catalogue.low[model], room.catalogue.high[model]
     spot = low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
     x, y, _ = pose[:3, :3] @ spot + pose[:3, 3]

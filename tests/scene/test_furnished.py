@@ -86,7 +86,7 @@ def first_hit(triangles: np.ndarray, origin: np.ndarray, direction: np.ndarray) 
 
 def corners_of(things: Arrangement) -> list[np.ndarray]:
     """The triangles (T, 3, 3) of each thing, in the floor's frame."""
-    both = [(things.catalogue.models[thing.model], thing.pose) for thing in things.things]
+    both = [(things.catalogue.models[thing["model"]], thing["pose"]) for thing in things.things]
     return [(mesh.positions.astype(float) @ pose[:3, :3].T + pose[:3, 3])[mesh.triangles] for mesh, pose in both]
 
 
@@ -96,7 +96,8 @@ def test_things_at_rest_stand_upright_and_on_something(kind: str) -> None:
     for seed in range(2):
         things = arranged(kind, seed, **({"pictures": 20} if kind == "room" else {}))
         corners = corners_of(things)
-        for k, (number, matrix, *_) in enumerate(things.things):
+        for k, thing in enumerate(things.things):
+            number, matrix = thing["model"], thing["pose"]
             if number < len(SURFACE_MODELS):
                 continue
             points = corners[k].reshape(-1, 3)
@@ -126,10 +127,10 @@ def test_the_sides_of_a_box_wear_one_texture_and_are_the_size_that_they_say() ->
     for worn in (None, 3):
         first = things.add_box((0, 3, 0), (0.5, 0.2, 1.5), 0.4, worn)
         sides = things.things[first:]
-        assert [side.texture for side in sides] == [first if worn is None else worn] * 5
+        assert [side["texture"] for side in sides] == [first if worn is None else worn] * 5
         for side, corners in zip(sides, corners_of(things)[first:], strict=True):
-            mesh = things.catalogue.models[side.model]
-            in_uv = np.diff(mesh.uv[mesh.triangles].astype(float), axis=1) * side.unit_m
+            mesh = things.catalogue.models[side["model"]]
+            in_uv = np.diff(mesh.uv[mesh.triangles].astype(float), axis=1) * side["unit_m"]
             np.testing.assert_allclose(
                 np.linalg.norm(np.diff(corners, axis=1), axis=2), np.linalg.norm(in_uv, axis=2), rtol=1e-3
             )
@@ -144,11 +145,11 @@ def count(things: Arrangement) -> int:
 
 
 def number_of(*names: str):
-    return lambda things: sum(is_of(thing.model, *names) for thing in things.things)
+    return lambda things: sum(is_of(thing["model"], *names) for thing in things.things)
 
 
 def gap_of_fences(things: Arrangement) -> float:
-    return np.ptp([thing.pose[0, 3] for thing in things.things if is_of(thing.model, "fence")])
+    return np.ptp([thing["pose"][0, 3] for thing in things.things if is_of(thing["model"], "fence")])
 
 
 def height(things: Arrangement) -> float:
@@ -232,7 +233,7 @@ def test_what_hangs_on_a_wall_meets_neither_its_hole_nor_its_ends_nor_each_other
     keys = dict.fromkeys(("furniture", "small", "curtain", "pillars", "rug", "doorway", "niche"), 0) | {hole: 1}
     for seed in range(8):
         things = arranged("room", seed, pictures=60, **keys)
-        placed = [(things.catalogue.models[thing.model], thing.pose) for thing in things.things]
+        placed = [(things.catalogue.models[thing["model"]], thing["pose"]) for thing in things.things]
         for wall, wall_pose in placed:
             if wall not in (*DOORWAYS, *NICHES):
                 continue
@@ -265,7 +266,7 @@ def test_fences_and_houses_stand_clear_of_pavements() -> None:
         slabs = [each[..., 0] for each in corners if np.ptp(each[..., 2]) < 1e-9 and 0.05 < each[0, 0, 2] < 0.2]
         left, right = min(each.min() for each in slabs), max(each.max() for each in slabs)
         for thing, each in zip(things.things, corners, strict=True):
-            if is_of(thing.model, "fence", "house"):
+            if is_of(thing["model"], "fence", "house"):
                 assert each[..., 0].max() < left or each[..., 0].min() > right
                 stood += 1
     assert stood > 20
