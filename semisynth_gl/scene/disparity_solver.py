@@ -19,12 +19,14 @@ Layers that the config states (``particles.layers``) are not solved, and ``parti
 solved. Both count in what is bare of solved particles.
 """
 
+import hashlib
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from semisynth_gl.cache import Entry, cached
 from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import Silhouette
@@ -34,10 +36,15 @@ from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import Batch, Sizes, expected_cover, expected_in_view, stated_sizes
-from semisynth_gl.scene.pilots import Pilot, sample_pilots
 from semisynth_gl.scene.rig import check_reachable, near_depth_m, relief_px
+from semisynth_gl.scene.structures import sample_static_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
+# Number of pilot scenes.
+_PILOTS = 32
+# The sections that `sample_static_scene` reads, and the purposes of its random numbers; each pilot has its own.
+_SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "structures"}
+_KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG, Purpose.SKY)
 # Number of pilot scenes in which particles are counted to find the sizes for a density.
 _COUNTED_PILOTS = 8
 # Number of times that the aim is shifted towards the target.
@@ -58,6 +65,13 @@ _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))]
 _LEAST_OF_AIM = 0.1
 # Smallest mean coverage of the background's layer, so that no background is bare.
 _POPULATED = 0.5
+
+
+class Pilot(NamedTuple):
+    """A pilot scene: a static scene, without particles."""
+
+    camera: StereoCamera
+    bare_px: Floats  # (R,) disparities on a coarse grid over the left view, without particles
 
 
 class _Views(NamedTuple):
@@ -243,3 +257,41 @@ def poisson_counts(mean: Floats, quantile: Floats) -> Ints:
     logarithm = number * log_mean - mean[:, None] - np.concatenate([[0.0], np.cumsum(np.log(number[1:]))])
     below = np.cumsum(np.exp(logarithm), axis=1)
     return np.asarray((below <= quantile[:, None]).sum(axis=1))
+
+
+def sample_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
+    """Sample the 32 pilot scenes of a recipe; errors are those of `sample_static_scene`.
+
+    Each process that renders a dataset needs them before its first pair, and furnishing a room takes longer than
+    rendering it. So the cache keeps them.
+    """
+
+    def key() -> dict[str, Any]:
+        models = hashlib.sha256()
+        for name, numbers in catalogue.by_name.items():
+            models.update(f"{name!r} {numbers.tolist()}\n".encode())
+        for mesh in catalogue.models:
+            for array in (mesh.positions, mesh.uv, mesh.triangles):
+                models.update(f"{array.shape}\n".encode() + array.tobytes())
+        return {
+            "sections": config.model_dump(mode="json", include=_SECTIONS),
+            "seed": seed,
+            "models": models.hexdigest(),
+        }
+
+    def sample(number: int) -> Pilot:
+        generators = {use: generator(seed, Purpose.PILOTS, number, key) for key, use in enumerate(_KEYS)}
+        static = sample_static_scene(config, catalogue, generators.__getitem__)
+        return Pilot(static.rig.camera, static.bare_px)
+
+    return cached("pilots", key, build=lambda: [*map(sample, range(_PILOTS))], pack=_packed, unpack=_unpacked)
+
+
+def _packed(pilots: Sequence[Pilot]) -> Entry:
+    cameras = [pilot.camera.values() for pilot in pilots]
+    return Entry({"cameras": cameras}, {"bare_px": np.array([pilot.bare_px for pilot in pilots])})
+
+
+def _unpacked(entry: Entry) -> list[Pilot]:
+    both = zip(entry.values["cameras"], entry.arrays["bare_px"], strict=True)
+    return [Pilot(StereoCamera.from_values(values), bare_px) for values, bare_px in both]

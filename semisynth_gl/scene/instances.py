@@ -67,13 +67,10 @@ def to_scene(
         camera=camera,
         near_m=near_m,
         camera_from_world=np.eye(4) if camera_from_world is None else camera_from_world,
-        model=table["model"].copy(),
         world_from_model=table["pose"].copy(),
         layer=np.zeros(len(table), np.int64) if layer is None else layer,
-        uv_scale=table["uv_scale"].copy(),
-        uv_offset=table["uv_offset"].copy(),
-        sky=table["sky"].copy(),
         projector=projector,
+        **{name: table[name].copy() for name in ("model", "uv_scale", "uv_offset", "sky")},
     )
 
 

@@ -1,7 +1,8 @@
 """The space that the two views show at any moment of the sway: how near walls may come in it, and how deep they are."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -138,18 +139,13 @@ def clear_depth_m(rig: SequenceRig, radius_m: Floats | float, aside_m: Floats | 
     return np.asarray((rig.near_m + radius_m + rig.sway.reach_m + aside_m * sine) / cosine)
 
 
-@dataclass(frozen=True, slots=True)
-class Height:
+class Height(NamedTuple):
     """The upper and the lower end of what both views show, at any moment of the sway."""
 
     top: float  # y / z of the highest rays; y points down
     bottom: float  # y / z of the lowest rays
+    secants: tuple[float, float]  # 1 / cos of the angles of the highest and of the lowest rays, seen from the side
     reach_m: float  # largest distance by which the sway moves an eye
-
-    @property
-    def secants(self) -> tuple[float, float]:
-        """1 / cos of the angles of the highest and of the lowest rays, seen from the side."""
-        return (1 + self.top**2) ** 0.5, (1 + self.bottom**2) ** 0.5
 
 
 def height_of_view(rig: SequenceRig) -> Height:
@@ -162,7 +158,8 @@ def height_of_view(rig: SequenceRig) -> Height:
         nearest = float((rays[:, 2] / np.linalg.norm(rays, axis=1)).min())
         turned = [np.arcsin(min(np.sin(sway.angle_rad) * np.cos(end) / nearest, 1.0)) for end in (low, high)]
         low, high = np.clip((low - turned[0], high + turned[1]), -WIDEST_RAD, WIDEST_RAD).tolist()
-    return Height(float(np.tan(low)), float(np.tan(high)), _reach_m(rig, "right"))
+    top, bottom = float(np.tan(low)), float(np.tan(high))
+    return Height(top, bottom, ((1 + top**2) ** 0.5, (1 + bottom**2) ** 0.5), _reach_m(rig, "right"))
 
 
 def _reach_m(rig: SequenceRig, eye: Eye) -> float:

@@ -20,7 +20,7 @@ from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, 
 from semisynth_gl.geometry import model_files, model_library
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.plugins import modules_sha256
-from semisynth_gl.scene import pilots
+from semisynth_gl.scene import disparity_solver
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.structures import take_stock
 from semisynth_gl.seeds.splits import Split
@@ -134,22 +134,21 @@ def test_what_did_not_fit_into_memory_is_tried_again(photographs, own, monkeypat
 
 
 def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
-    drawn = []
-    draw = pilots.sample_static_scene
-    monkeypatch.setattr(pilots, "sample_static_scene", lambda *arguments: drawn.append(arguments) or draw(*arguments))
-    monkeypatch.setattr(pilots, "_PILOTS", 3)
+    draw = Mock(wraps=disparity_solver.sample_static_scene)
+    monkeypatch.setattr(disparity_solver, "sample_static_scene", draw)
+    monkeypatch.setattr(disparity_solver, "_PILOTS", 3)
 
     def found(seed=0, **changes):
         config = cheap(background={"cuboid": 0, "room": 1}, **changes)
         (library,) = recipe_libraries(config, Split(0))
-        return pilots.sample_pilots(config, seed, take_stock(library))
+        return disparity_solver.sample_pilots(config, seed, take_stock(library))
 
     assert plain(found()) == plain(found())
     found(textures={"source": "procedural"}, imperfections={"blur_px": 1})  # what surfaces wear moves nothing
-    assert len(drawn) == 3
+    assert draw.call_count == 3
     for number, changes in enumerate(({"seed": 1}, {"camera": {"baseline_m": 0.5}}, {"models": {"variants": 2}}), 2):
         found(**changes)
-        assert len(drawn) == 3 * number, changes
+        assert draw.call_count == 3 * number, changes
 
 
 def test_photographs_that_change_come_or_go_count(photographs, built):
