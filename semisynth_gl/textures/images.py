@@ -141,7 +141,7 @@ def _grey(path: Path, image: Image.Image, level: int) -> NDArray[np.uint8]:
     low, high = values.min(), values.max()
     if not (low >= 0 and high <= _WHITES[-1]):
         raise ImageError(path, f"has grey values from {low} to {high}, expected 0 to {_WHITES[-1]}")
-    white = next(white for white in _WHITES if max(high, level) <= white)
+    white = next((white for white in _WHITES if max(high, level) <= white), _WHITES[-1])
     return ((values.astype(np.uint32) * 510 + white) // (2 * white)).astype(np.uint8)
 
 
