@@ -8,16 +8,12 @@ import io
 import json
 import logging
 import warnings
-import zipfile
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
 import trimesh
-from trimesh.exchange import load as trimesh_load
-from trimesh.resolvers import Resolver
+from trimesh.resolvers import FilePathResolver
 
 from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_units import BrokenModelError, Surface, join_surfaces
@@ -25,7 +21,7 @@ from semisynth_gl.inputs.errors import OUT_OF_MEMORY, InputError, Skipped, cut, 
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, files_below
 
 MAX_BYTES = 256 << 20
-"""Most bytes of a model's file, unpacked, and of the files that it refers to."""
+"""Most bytes of a model's file, and of the files that it refers to."""
 
 MAX_TRIANGLES, MAX_VERTICES = 2_000_000, 20_000_000
 """Most triangles and vertices of a model, counted as often as its nodes place them."""
@@ -33,9 +29,9 @@ MAX_TRIANGLES, MAX_VERTICES = 2_000_000, 20_000_000
 # Keeps trimesh's messages off standard error where the application has not set up logging.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
-# trimesh knows the formats of the first group, some of them with a package that may not be installed.
-_FORMATS = frozenset({*trimesh_load.mesh_loaders, *trimesh.available_formats(), "zip"})
-_NOT_READ = frozenset({"fbx", "usd", "usda", "usdc", "usdz", "blend", "3ds", "max"})
+_FORMATS = ("glb", "gltf", "obj", "off", "ply", "stl")
+# Files of models, too, but reported: trimesh does not read them, or only with further packages.
+_NOT_READ = ("3ds", "3mf", "blend", "dae", "fbx", "max", "step", "stp", "usd", "usda", "usdc", "usdz", "x3d", "zip")
 
 
 def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
@@ -67,7 +63,7 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
 
 def _files(folders: Sequence[Path]) -> Iterator[tuple[Path, str]]:
     """Yield the given files, and the models in the given folders, each with its name."""
-    endings = tuple(f".{suffix}" for suffix in _FORMATS | _NOT_READ)
+    endings = tuple(f".{suffix}" for suffix in (*_FORMATS, *_NOT_READ))
     for folder in folders:
         if not folder.exists():
             raise InputError(f"models: expected a folder or a file, but {folder} does not exist")
@@ -86,8 +82,8 @@ def read_surfaces(path: Path) -> list[Surface]:
     that are not finite or triangles whose indices are out of range; MemoryError where it does not fit into memory.
     """
     suffix = path.suffix.lower().removeprefix(".")
-    if suffix not in trimesh.available_formats():
-        raise BrokenModelError(f"is not of a kind that trimesh reads here ({path.suffix}): save it as .glb")
+    if suffix not in _FORMATS:
+        raise BrokenModelError(f"is not of a kind that is read ({path.suffix}): save it as .glb")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -101,9 +97,6 @@ def read_surfaces(path: Path) -> list[Surface]:
 
 def _scene(path: Path, suffix: str) -> trimesh.Scene:
     content = _read(path, MAX_BYTES)
-    if zipfile.is_zipfile(io.BytesIO(content)):  # as .zip, .3mf, .3dxml and .zae are
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            _require_at_most(MAX_BYTES, "bytes once unpacked", sum(info.file_size for info in archive.infolist()))
     if suffix in {"glb", "gltf"}:  # trimesh would look for another file, whatever is wrong with a .gltf
         _check_gltf(content)
     if suffix in {"obj", "off"}:  # trimesh needs a further package for a comment in Latin-1, and takes no BOM
@@ -129,14 +122,14 @@ def _read(path: Path, most: int) -> bytes:
 
 
 def _check_gltf(gltf: bytes) -> None:
-    """Refuse a glTF or GLB file that requires a compression which is not read here, or declares too many vertices."""
+    """Refuse a glTF or GLB file that requires a compression, or declares too many vertices."""
     text = gltf
     if gltf.startswith(b"glTF"):  # a header of 12 bytes, then the length and the kind of the chunk of JSON
         text = gltf[20 : 20 + int.from_bytes(gltf[12:16], "little")]
     document = json.loads(text)
-    not_read = {"EXT_meshopt_compression"} | ({"KHR_draco_mesh_compression"} if find_spec("DracoPy") is None else set())
-    for name in not_read.intersection(document.get("extensionsRequired", [])):
-        raise BrokenModelError(f"is compressed with {name}: save it without compression")
+    for name in document.get("extensionsRequired", []):
+        if name.endswith("_compression"):
+            raise BrokenModelError(f"is compressed with {name}: save it without compression")
     # Counted before trimesh allocates them: an accessor may have more elements than the file has bytes, and trimesh
     # copies vertices that primitives share.
     counts = [accessor["count"] for accessor in document.get("accessors", [])]
@@ -180,11 +173,11 @@ def _require_at_most(limit: int, what: str, count: int) -> None:
         raise BrokenModelError(f"has {count:,} {what}, the limit is {limit:,}: {how}")
 
 
-class _Folder(Resolver):
-    """Gives trimesh only files in a model's folder and below."""
+class _Folder(FilePathResolver):
+    """Gives trimesh only files in a model's folder and below, and no more than `MAX_BYTES` of them."""
 
     def __init__(self, model: Path) -> None:
-        self.file_name = model.name  # trimesh names the parts of an OBJ file by it
+        super().__init__(str(model))
         self._folder = model.parent.resolve()
         self._left = MAX_BYTES
 
@@ -197,12 +190,3 @@ class _Folder(Resolver):
                 self._left -= len(content)
                 return content
         raise BrokenModelError(f"refers to {cut(name)!r}, expected a file in the model's folder or below it")
-
-    def keys(self) -> list[str]:
-        return []
-
-    def write(self, name: str, data: Any) -> None:  # noqa: ANN401, ARG002 - as trimesh's resolvers have it
-        raise BrokenModelError(f"writes a file, {name!r}")
-
-    def namespaced(self, namespace: str) -> "_Folder":
-        raise BrokenModelError(f"refers to the folder {namespace!r}")
