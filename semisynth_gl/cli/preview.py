@@ -100,7 +100,7 @@ def _draw_patches(section: TexturesSection, seed: int, out: Path) -> None:
     kept = counted(report.total("kept"), "patch")
     source = ", ".join(section.images) if section.source == "images" else section.source
     title = f"{kept} of {report.patch_px} x {report.patch_px} pixels: {source}"
-    shown = [(each.source, each.side_px, atlas.pixels(each)[0, ..., :3]) for each in atlas.patches if not each.large]
+    shown = [(each.source, atlas.pixels(each)[0, ..., :3]) for each in atlas.patches if not each.large]
     draw_texture_sheet(report, shown, title).save(out)
     for line in (*table(_patch_rows(report)), report.summary(), f"{kept} in {out}"):
         click.echo(line)

@@ -25,7 +25,7 @@ _FEW = 4
 _WIDTH_PX, _TILE_PX, _GAP_PX, _TEXT_PX = 1600, 72, 4, 11
 # Tiles beside each other that a label is at least as wide as.
 _LEAST_COLUMNS = 3
-_PAPER, _INK, _ON_TILE = (250, 250, 248), (30, 30, 30), (255, 255, 255)
+_PAPER, _INK = (250, 250, 248), (30, 30, 30)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,18 +123,20 @@ def _group(source: str) -> str:
 
 
 def draw_texture_sheet(
-    report: TextureReport, patches: Iterable[tuple[str, int, NDArray[np.uint8]]], title: str
+    report: TextureReport, patches: Iterable[tuple[str, NDArray[np.uint8]]], title: str
 ) -> Image.Image:
     """Draw patches by image.
 
     Args:
         report: of the atlas.
-        patches: image, side in the image and pixels, (P, P, 3) uint8, of each. A tile names its scale unless that is 1.
+        patches: image and pixels, (P, P, 3) uint8, of each.
         title: the sheet's first line.
     """
     tiles: dict[str, list[Image.Image]] = defaultdict(list)
-    for source, side, pixels in patches:
-        tiles[_group(source)].append(_tile(pixels, "" if side == report.patch_px else report.scale_names[side]))
+    for source, pixels in patches:
+        tile = Image.fromarray(pixels)
+        tile.thumbnail((_TILE_PX, _TILE_PX), Image.Resampling.BOX)
+        tiles[_group(source)].append(tile)
     parts = [_label(line, _WIDTH_PX) for line in (title, *report.summary().splitlines())]
     groups = []
     for group, counts in report.grouped_counts.items():
@@ -144,15 +146,6 @@ def draw_texture_sheet(
         width = columns * (_TILE_PX + _GAP_PX)
         groups.append(_flow([*(_label(line, width - _GAP_PX) for line in lines), *tiles[group]], width))
     return _flow([*parts, *groups], _WIDTH_PX)
-
-
-def _tile(pixels: NDArray[np.uint8], text: str) -> Image.Image:
-    image = Image.fromarray(pixels)
-    image.thumbnail((_TILE_PX, _TILE_PX), Image.Resampling.BOX)
-    # The stroke is there so that the text can be read on any patch.
-    at, font = (4, image.height - _TEXT_PX - 4), ImageFont.load_default(_TEXT_PX)
-    ImageDraw.Draw(image).text(at, text, fill=_ON_TILE, font=font, stroke_width=1, stroke_fill=_INK)
-    return image
 
 
 def _label(text: str, width_px: int) -> Image.Image:
