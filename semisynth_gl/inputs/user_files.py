@@ -36,8 +36,16 @@ def read_file(path: Path, most_bytes: int | None = None) -> bytes:
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """Return all files in a folder and below, but do not enter links to folders."""
-    return (path for path in folder.rglob("*") if path.is_file())
+    """Yield all files in a folder and below; each folder is entered once, whatever links lead to it."""
+    entered: set[str] = set()
+    for parent, folders, names in os.walk(folder, followlinks=True):
+        real = os.path.realpath(parent)
+        if real in entered:
+            folders.clear()
+            continue
+        entered.add(real)
+        folders.sort()
+        yield from (path for path in (Path(parent, name) for name in names) if path.is_file())
 
 
 def names_of(files: Files) -> list[str]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import Skipped
-from semisynth_gl.textures.borders import Inside, inside_borders
+from semisynth_gl.textures.borders import Rectangle, inside_borders
 from semisynth_gl.textures.crop_report import Outcome
 from semisynth_gl.textures.crops import Square, cover, cut_crop, sharpness_measure, texture_measure
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
@@ -24,11 +24,11 @@ MOST_FRAMES = 16
 """Largest number of frames of a clip."""
 
 
-def natural_key(path: Path) -> tuple[list[str | int], str]:
-    """Return a sort key under which numbers in names count as numbers: frame2 before frame10."""
+def natural_key(path: Path) -> tuple[str, list[str | int], str]:
+    """Return a sort key by folder, then by name, in which numbers count as numbers: frame2 before frame10."""
     # Texts and numbers take turns, the first is a text. The name itself orders frame01 and frame1.
     parts = re.split(r"(\d+)", path.name)
-    return [int(part) if number % 2 else part for number, part in enumerate(parts)], path.name
+    return path.parent.as_posix(), [int(part) if number % 2 else part for number, part in enumerate(parts)], path.name
 
 
 def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) -> list[list[Path]]:
@@ -38,15 +38,13 @@ def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) 
     patches is estimated as that of all crops, at most ``max_patches``; the readable image of a folder with most crops
     stands for all. If painted pictures are used too (not ``alone``), it is ``max_patches``.
     """
-    folders: dict[Path, list[Path]] = defaultdict(list)
-    for path in sorted(images, key=lambda path: (path.parent.as_posix(), natural_key(path))):
+    folders, crops = defaultdict[Path, list[Path]](list), defaultdict[Path, int](int)
+    for path in sorted(images, key=natural_key):
         folders[path.parent].append(path)
-    crops = dict.fromkeys(folders, 0)
-    for folder, paths in folders.items():
-        for path in paths:
-            with suppress(ImageError):
-                squares = cover("", *stored_size(path), section.patch_px, section.scales)
-                crops[folder] = max(crops[folder], len(squares))
+        with suppress(ImageError):
+            height, width = stored_size(path)
+            squares = cover("", Rectangle(0, 0, width, height), section.patch_px, section.scales)
+            crops[path.parent] = max(crops[path.parent], len(squares))
 
     def layers(frames: int) -> int:
         patches = sum(crops[folder] * -(-len(paths) // frames) for folder, paths in folders.items())
@@ -81,24 +79,24 @@ class Crop:
         """Reject the crop, and free its pixels."""
         self.outcome, self.frames = reason, []
 
+    def add_frame(self, image: NDArray[np.uint8], section: TexturesSection) -> None:
+        """Cut the square out of a further frame, (H, W, 3), and judge it."""
+        patch = cut_crop(image, self.square, section.patch_px)
+        self.texture = min(self.texture, texture_measure(patch))
+        if self.texture < section.min_texture:
+            self.reject("flat")
+        elif self.outcome == "kept" and sharpness_measure(patch) < section.min_sharpness:
+            self.reject("blurred")
+        elif self.outcome == "kept":
+            self.frames.append(patch)
 
-def find_crops(name: str, inside: Inside, section: TexturesSection) -> list[Crop]:
-    """Return the crops of a part of an image or a clip, by side, row and column; none where the part is too small."""
-    squares = cover(name, inside.height_px, inside.width_px, section.patch_px, section.scales)
-    return [Crop(Square(name, left + inside.left_px, top + inside.top_px, side)) for _, left, top, side in squares]
 
-
-def cut_frame(crops: Sequence[Crop], image: NDArray[np.uint8], section: TexturesSection) -> None:
-    """Cut crops out of a further frame, (H, W, 3), and judge them; rejected crops lose their frames."""
+def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: TexturesSection) -> list[Crop]:
+    """Return the crops of a part of an image, by side, row and column; none where the part is too small."""
+    crops = [Crop(square) for square in cover(name, part, section.patch_px, section.scales)]
     for crop in crops:
-        patch = cut_crop(image, crop.square, section.patch_px)
-        crop.texture = min(crop.texture, texture_measure(patch))
-        if crop.texture < section.min_texture:
-            crop.reject("flat")
-        elif crop.outcome == "kept" and sharpness_measure(patch) < section.min_sharpness:
-            crop.reject("blurred")
-        elif crop.outcome == "kept":
-            crop.frames.append(patch)
+        crop.add_frame(image, section)
+    return crops
 
 
 def read_clip(
@@ -121,10 +119,12 @@ def read_clip(
         if not used:
             shape = image.shape
             # Squares of a rectified photograph keep clear of its black borders.
-            crops = find_crops(names[path], inside_borders(image), section)
-        if image.shape == shape:
-            used.append(names[path])
-            cut_frame(crops, image, section)
+            crops = cut_crops(names[path], inside_borders(image), image, section)
+        elif image.shape == shape:
+            for crop in crops:
+                crop.add_frame(image, section)
         else:
             skipped.append(Skipped(path, "has another size or EXIF orientation than the first frame of its clip"))
+            continue
+        used.append(names[path])
     return used, crops, skipped

@@ -1,11 +1,13 @@
 """Crops: squares cut out of an image and reduced to patches, their measures, and the duplicates among them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+
+from semisynth_gl.textures.borders import Rectangle
 
 FINGERPRINT_NORM = 1000
 """Euclidean length of a fingerprint, up to rounding."""
@@ -32,18 +34,18 @@ class Square(NamedTuple):
     side_px: int
 
 
-def cover(source: str, height: int, width: int, patch_px: int, scales: Sequence[float]) -> list[Square]:
-    """Return squares that cover an image once for each scale, by increasing side, then by row and column.
+def cover(source: str, part: Rectangle, patch_px: int, scales: Sequence[float]) -> list[Square]:
+    """Return squares that cover a part of an image once for each scale, by increasing side, then by row and column.
 
     A scale is a number of image pixels per patch pixel, 1 or more. Along each axis there are as few squares as cover
-    the image, evenly spread from border to border. A scale whose square does not fit gives no squares.
+    the part, evenly spread from border to border. A scale whose square does not fit gives no squares.
     """
     return [
-        Square(source, left, top, side)
+        Square(source, part.left_px + left, part.top_px + top, side)
         for side in sorted({round(scale * patch_px) for scale in scales})
-        if side <= min(height, width)
-        for top in _positions(height, side)
-        for left in _positions(width, side)
+        if side <= min(part.height_px, part.width_px)
+        for top in _positions(part.height_px, side)
+        for left in _positions(part.width_px, side)
     ]
 
 
@@ -149,14 +151,14 @@ class DuplicateFinder:
         self._least_alike = (1 - min_difference) * FINGERPRINT_NORM**2
         self._fingerprints = np.empty((0, 2 * _GRID_CELLS * (_GRID_CELLS - 1)), np.float32)
 
-    def find(self, patches: Mapping[Square, NDArray[np.uint8]]) -> set[Square]:
-        """Return the duplicates among the crops of an image.
+    def find(self, patches: Sequence[NDArray[np.uint8]]) -> list[int]:
+        """Return the numbers of the duplicates among the crops of an image.
 
         Of two crops that look alike, the second is the duplicate; crops of later images are compared with the first.
         """
         if not patches:
-            return set()
-        fingerprints = np.array([fingerprint(patch) for patch in patches.values()])
+            return []
+        fingerprints = np.array([fingerprint(patch) for patch in patches])
         known = (fingerprints @ self._fingerprints.T > self._least_alike).any(axis=1)
         alike = fingerprints @ fingerprints.T > self._least_alike
         unique = list[int]()
@@ -164,8 +166,7 @@ class DuplicateFinder:
             if not alike[number, unique].any():
                 unique.append(number)
         self._fingerprints = np.concatenate([self._fingerprints, fingerprints[unique]])
-        squares = list(patches)
-        return set(squares) - {squares[number] for number in unique}
+        return [number for number in range(len(patches)) if number not in unique]
 
 
 def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:

@@ -2,7 +2,7 @@
 
 import glob
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from importlib.util import find_spec
 from itertools import takewhile
 from pathlib import Path
@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.resources import data_root
-from semisynth_gl.inputs.user_files import expanded
+from semisynth_gl.inputs.user_files import expanded, files_below
 from semisynth_gl.textures.images import image_extensions
 
 _MASKS = frozenset({"mask0nocc.png", "mask1nocc.png"})
@@ -56,38 +56,20 @@ def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> li
     given in lower case with their dot, and upper case in a file's name matches too. A source that matches nothing adds
     no file.
     """
-    found: set[str] = set()
-    for source in map(str, map(expanded, sources)):
+    found: set[Path] = set()
+    for source in map(expanded, sources):
         # A source that exists is a path, not a glob: "[" and "*" may stand in a real file name.
-        exists = os.path.exists(source)  # noqa: PTH110  # of strings: there may be thousands
-        for path in [source] if exists else glob.glob(source, recursive=True):  # noqa: PTH207
-            if os.path.isdir(path):  # noqa: PTH112
-                found.update(below for below in _files_below(path) if _has_extension(below, extensions))
-            elif exists or (_has_extension(path, extensions) and os.path.exists(path)):  # noqa: PTH110
+        exists = os.path.exists(source)  # noqa: PTH110  # pathlib raises where the name is too long
+        for path in [source] if exists else map(Path, glob.glob(str(source), recursive=True)):  # noqa: PTH207
+            if path.is_dir():
+                found.update(below for below in files_below(path) if below.suffix.lower() in extensions)
+            elif exists or (path.suffix.lower() in extensions and path.exists()):
                 found.add(path)
     # Of several paths to a file the shortest is kept: a link to a folder above would make endless longer paths.
-    unique: dict[str, str] = {}
-    for path in sorted(found, key=lambda path: (path.count("/"), path)):
+    unique: dict[str, Path] = {}
+    for path in sorted(found, key=lambda path: (len(path.parts), path.as_posix())):
         unique.setdefault(os.path.realpath(path), path)
-    return sorted(map(Path, unique.values()), key=Path.as_posix)
-
-
-def _files_below(top: str) -> Iterator[str]:
-    """Yield the files in a folder and below; each folder is entered once, whatever links lead to it."""
-    entered: set[str] = set()
-    for folder, folders, names in os.walk(top, followlinks=True):
-        real = os.path.realpath(folder)
-        if real in entered:
-            folders.clear()
-            continue
-        entered.add(real)
-        folders.sort()
-        paths = (os.path.join(folder, name) for name in names)  # noqa: PTH118
-        yield from filter(os.path.exists, paths)  # without broken links
-
-
-def _has_extension(path: str, extensions: Collection[str]) -> bool:
-    return os.path.splitext(path)[1].lower() in extensions  # noqa: PTH122
+    return sorted(unique.values(), key=Path.as_posix)
 
 
 def reaching_source(folder: Path, sources: Sequence[str]) -> str | None:

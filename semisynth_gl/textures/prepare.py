@@ -1,6 +1,6 @@
 """The atlas of a dataset, from the source that its config names: built once, and then found in the cache."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -17,7 +17,7 @@ from semisynth_gl.textures.atlas import Atlas, Patch
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.large import with_large_patches
-from semisynth_gl.textures.pictures import Picture, TextureImage
+from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import describe_source, open_source
@@ -71,18 +71,22 @@ def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> At
     rng = generator(split.seed, Purpose.ATLAS)
     if section.source == "procedural":
         return procedural_atlas(rng, section.max_patches, section.patch_px)
-    pictures = split_pictures(section, split)
+    paint = open_source(section.source).pictures
+    pictures = paint and paint(generator(split.seed, Purpose.PICTURES))
     if not section.large_px or section.sequence:
         return build_atlas(images, section, rng, pictures)
-    painted: dict[str, TextureImage] = {}
-
-    def remember(picture: Picture) -> None:
-        if len(painted) < _REMEMBERED:
-            painted[picture.name] = picture
-
-    atlas = build_atlas(images, section, rng, pictures, remember)
+    painted: dict[str, Picture] = {}
+    atlas = build_atlas(images, section, rng, pictures and _remembered(pictures, painted))
     by_name = {name: path for path, name in relative_names(images).items()} | painted
     return with_large_patches(atlas, by_name, section, generator(split.seed, Purpose.LARGE_PATCHES))
+
+
+def _remembered(pictures: Iterable[Picture], painted: dict[str, Picture]) -> Iterator[Picture]:
+    """Yield pictures, and put the first of them into ``painted``, by name, for large patches to be cut from them."""
+    for picture in pictures:
+        if len(painted) < _REMEMBERED:
+            painted[picture.name] = picture
+        yield picture
 
 
 def split_images(section: TexturesSection, split: Split) -> list[Path]:
@@ -104,17 +108,6 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
     subjects = photographed_subjects([first[folder] for folder in sorted(first)])
     own = share_photographs(split, subjects, "folders of frames")
     return [path for path in images if first[path.parent] in own]
-
-
-def split_pictures(section: TexturesSection, split: Split) -> Iterable[Picture] | None:
-    """Return the pictures that a split's patches may come from; None where the source paints none.
-
-    They can be iterated over once. Each picture is painted when it is asked for. Splits have different pictures.
-
-    Raises InputError where a plug-in cannot be used.
-    """
-    paint = open_source(section.source).pictures
-    return None if paint is None else paint(generator(split.seed, Purpose.PICTURES))
 
 
 def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: str) -> set[Path]:

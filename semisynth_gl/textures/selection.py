@@ -2,7 +2,8 @@
 
 import hashlib
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain, groupby, zip_longest
 from pathlib import Path
 from typing import TypeVar
@@ -12,8 +13,8 @@ import numpy as np
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError, Skipped, counted
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
-from semisynth_gl.textures.borders import Inside
-from semisynth_gl.textures.clips import Crop, cut_clips, cut_frame, find_crops, read_clip
+from semisynth_gl.textures.borders import Rectangle
+from semisynth_gl.textures.clips import Crop, cut_clips, cut_crops, read_clip
 from semisynth_gl.textures.crop_report import CropCount, TextureReport
 from semisynth_gl.textures.crops import DuplicateFinder
 from semisynth_gl.textures.image_files import relative_names
@@ -32,7 +33,6 @@ def build_atlas(
     section: TexturesSection,
     rng: np.random.Generator,
     pictures: Iterable[Picture] | None = None,
-    remember: Callable[[Picture], None] | None = None,
 ) -> Atlas:
     """Crop squares out of images and keep crops with texture that are sharp and unlike each other.
 
@@ -49,41 +49,42 @@ def build_atlas(
         images: the files, in any order.
         section: the config's section.
         rng: source of all random choices.
-        pictures: painted pictures, asked for one at a time, in their order; None where the source has none.
-        remember: called with each picture that patches come from.
+        pictures: painted pictures with different names, asked for one at a time, in their order; None for no pictures.
 
     Returns:
         The atlas, with its patches ordered by image, side, row and column, files before pictures.
 
     Raises:
-        InputError: where there is no patch, or two pictures have one name.
+        InputError: where there is no patch.
     """
     images = sorted(images, key=Path.as_posix)
     names = relative_names(images)
     clips = cut_clips(images, section, alone=pictures is None) if section.sequence else [[path] for path in images]
-    skipped = list[Skipped]()
-    selection = _Selection(section, rng, [] if section.sequence else subject_numbers(images))
+    subjects = dict(enumerate([] if section.sequence else subject_numbers(images)))
+    skipped, duplicates = list[Skipped](), DuplicateFinder(section.min_difference)
     pending = {int(number): clips[number] for number in rng.permutation(len(clips))}
+    opened: dict[int, _Opened] = {}  # by number, in the order of opening
     painted: dict[str, str] = {}
     for number, image in _in_turn(list(pending.items()), enumerate(pictures or (), start=len(clips))):
         if isinstance(image, Picture):
-            if image.name in painted:
-                raise InputError(f"expected pictures with different names, got two with the name {image.name!r}")
             painted[image.name] = hashlib.sha256(image.pixels.tobytes()).hexdigest()
             height, width = image.pixels.shape[:2]
-            used, crops = [image.name], find_crops(image.name, Inside(0, 0, width, height), section)
-            cut_frame(crops, image.pixels, section)
+            used = [image.name]
+            crops = cut_crops(image.name, Rectangle(0, 0, width, height), image.pixels, section)
         else:
             used, crops, unread = read_clip(pending.pop(number), names, section)
             skipped += unread
-        selection.add(number, used, crops)
-        # A picture never loses its last patch: the atlas would have been settled before.
-        if remember and isinstance(image, Picture) and any(crop.outcome == "kept" for crop in crops):
-            remember(image)
-        if selection.settled:
+        good = _alternate_sides([crop for crop in crops if crop.outcome == "kept"], rng)
+        if section.min_difference and not section.sequence:
+            for alike in duplicates.find([crop.frames[0] for crop in good]):
+                good[alike].reject("duplicate")
+        kept = [crop for crop in good if crop.outcome == "kept"]
+        opened[number] = _Opened(subjects.get(number, number), used, crops, kept)
+        _evict(opened, section.max_patches)
+        if _settled(opened, section.max_patches):
             break
-    report = selection.report(skipped, not_opened=sum(map(len, pending.values())))
-    chosen = selection.patches()
+    report = _report(opened, skipped, sum(map(len, pending.values())), section.patch_px)
+    chosen = [crop for number in sorted(opened) for crop in opened[number].crops if crop.outcome == "kept"]
     if not chosen:
         given = counted(len(images) + len(painted), "image")
         raise InputError(
@@ -104,73 +105,63 @@ def build_atlas(
     )
 
 
-class _Selection:
-    """The patches chosen among the crops of all images opened so far, and what became of the other crops.
+@dataclass(slots=True, eq=False)
+class _Opened:
+    """An image or a clip that was opened: its subject, the names of its frames, all its crops, and the kept ones."""
+
+    subject: int
+    frames: list[str]
+    crops: list[Crop]
+    kept: list[Crop]
+
+
+def _by_subject(opened: Mapping[int, _Opened]) -> list[list[_Opened]]:
+    """Group images that have crops by their subject; subjects are in the order in which they were first opened."""
+    groups: dict[int, list[_Opened]] = defaultdict(list)
+    for image in opened.values():
+        if image.crops:
+            groups[image.subject].append(image)
+    return list(groups.values())
+
+
+def _patches(images: Iterable[_Opened]) -> int:
+    return sum(len(image.kept) for image in images)
+
+
+def _settled(opened: Mapping[int, _Opened], most: int) -> bool:
+    """Return whether the atlas is full, and no subject has more than its `PATCHES_PER_SUBJECT`."""
+    sizes = [_patches(images) for images in _by_subject(opened)]
+    return sum(sizes) == most and max(sizes) <= PATCHES_PER_SUBJECT
+
+
+def _evict(opened: Mapping[int, _Opened], most: int) -> None:
+    """Reject the surplus: the fullest image of the fullest subject loses its last patch, until ``most`` are left.
 
     The largest share only ever shrinks, so a patch that is evicted would never be needed again.
-
-    ``subjects`` has the subject of each of the first images; each image beyond them is a subject.
     """
+    subjects = _by_subject(opened)
+    for _ in range(_patches(opened.values()) - most):
+        fullest = max(subjects, key=_patches)
+        max(fullest, key=lambda image: len(image.kept)).kept.pop().reject("surplus")
 
-    def __init__(self, section: TexturesSection, rng: np.random.Generator, subjects: Sequence[int]) -> None:
-        self._section, self._rng, self._subjects = section, rng, dict(enumerate(subjects))
-        self._duplicates = DuplicateFinder(section.min_difference)
-        # By the number of the image or clip.
-        self._frames: dict[int, list[str]] = {}
-        self._crops: dict[int, list[Crop]] = {}
-        self._kept: dict[int, list[Crop]] = {}
 
-    @property
-    def settled(self) -> bool:
-        """Whether the atlas is full, and no subject has more than its `PATCHES_PER_SUBJECT`."""
-        sizes = [sum(map(len, kept)) for kept in self._by_subject().values()]
-        return sum(sizes) == self._section.max_patches and max(sizes) <= PATCHES_PER_SUBJECT
-
-    def add(self, number: int, frames: list[str], crops: list[Crop]) -> None:
-        """Choose among the crops of a further image or clip, and make room for them."""
-        self._frames[number], self._crops[number] = frames, crops
-        if not crops:
-            return
-        good = _alternate_sides([crop for crop in crops if crop.outcome == "kept"], self._rng)
-        if self._section.min_difference and not self._section.sequence:
-            duplicates = self._duplicates.find({crop.square: crop.frames[0] for crop in good})
-            for crop in good:
-                if crop.square in duplicates:
-                    crop.reject("duplicate")
-        self._kept[number] = [crop for crop in good if crop.outcome == "kept"]
-        by_subject = self._by_subject()
-        for _ in range(sum(map(len, self._kept.values())) - self._section.max_patches):
-            fullest = max(by_subject.values(), key=lambda kept: sum(map(len, kept)))
-            max(fullest, key=len).pop().reject("surplus")
-
-    def _by_subject(self) -> dict[int, list[list[Crop]]]:
-        """Return the kept crops of each image, by subject."""
-        kept: dict[int, list[list[Crop]]] = defaultdict(list)
-        for number, crops in self._kept.items():
-            kept[self._subjects.get(number, number)].append(crops)
-        return kept
-
-    def patches(self) -> list[Crop]:
-        """Return the chosen crops by image, side, row and column."""
-        return [crop for _, crops in sorted(self._crops.items()) for crop in crops if crop.outcome == "kept"]
-
-    def report(self, skipped: Sequence[Skipped], not_opened: int) -> TextureReport:
-        """Return what became of all images and crops, given the files that were not read."""
-        images = [(number, crops) for number, crops in sorted(self._crops.items()) if crops]
-        used = [number for number, kept in sorted(self._kept.items()) if kept]
-        by_subject: dict[int, list[str]] = defaultdict(list)
-        for number in used:
-            by_subject[self._subjects.get(number, number)].append(self._frames[number][0])
-        return TextureReport(
-            images_used=sum(len(self._frames[number]) for number in used),
-            images_unused=sum(len(self._frames[number]) for number, _ in images if number not in used),
-            images_too_small=sum(len(self._frames[number]) for number, crops in self._crops.items() if not crops),
-            images_skipped=tuple(sorted(skipped, key=lambda skipped: skipped.path.as_posix())),
-            images_not_opened=not_opened,
-            counts=tuple(chain.from_iterable(_counts(crops) for _, crops in images)),
-            subjects={name: names[0] for names in by_subject.values() if len(names) > 1 for name in names},
-            patch_px=self._section.patch_px,
-        )
+def _report(opened: Mapping[int, _Opened], skipped: Iterable[Skipped], not_opened: int, patch_px: int) -> TextureReport:
+    """Return what became of all images and crops, given the files that were not read or not opened."""
+    images = [opened[number] for number in sorted(opened)]
+    subjects: dict[int, list[str]] = defaultdict(list)
+    for image in images:
+        if image.kept:
+            subjects[image.subject].append(image.frames[0])
+    return TextureReport(
+        images_used=sum(len(image.frames) for image in images if image.kept),
+        images_unused=sum(len(image.frames) for image in images if image.crops and not image.kept),
+        images_too_small=sum(len(image.frames) for image in images if not image.crops),
+        images_skipped=tuple(sorted(skipped, key=lambda skipped: skipped.path.as_posix())),
+        images_not_opened=not_opened,
+        counts=tuple(chain.from_iterable(_counts(image.crops) for image in images)),
+        subjects={name: names[0] for names in subjects.values() if len(names) > 1 for name in names},
+        patch_px=patch_px,
+    )
 
 
 def _counts(crops: Sequence[Crop]) -> Iterator[CropCount]:

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from photograph_like import noise
 
+from semisynth_gl.textures.borders import Rectangle
 from semisynth_gl.textures.crops import (
     FINGERPRINT_NORM,
     Square,
@@ -21,20 +22,22 @@ from semisynth_gl.textures.crops import (
 
 @settings(max_examples=100, deadline=None)
 @given(
+    left_px=st.integers(0, 9),
+    top_px=st.integers(0, 9),
     height=st.integers(1, 300),
     width=st.integers(1, 300),
     patch_px=st.integers(1, 80),
     scales=st.lists(st.floats(1, 5), min_size=1, max_size=3),
 )
-def test_crops_of_each_scale_that_fits_cover_the_image(height, width, patch_px, scales):
-    squares = cover("a", height, width, patch_px, scales)
+def test_crops_of_each_scale_that_fits_cover_a_part_of_an_image(left_px, top_px, height, width, patch_px, scales):
+    squares = cover("a", Rectangle(left_px, top_px, width, height), patch_px, scales)
     assert len(set(squares)) == len(squares)
     sides = {round(scale * patch_px) for scale in scales}
     assert {square.side_px for square in squares} == {side for side in sides if side <= min(height, width)}
     for side in {square.side_px for square in squares}:
         of_side = [square for square in squares if square.side_px == side]
         covered = np.zeros((height, width), dtype=bool)
-        for _, left, top, _ in of_side:
+        for left, top in [(square.left_px - left_px, square.top_px - top_px) for square in of_side]:
             assert 0 <= left <= width - side
             assert 0 <= top <= height - side
             covered[top : top + side, left : left + side] = True
