@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -19,16 +18,14 @@ def _build(kind: Callable[[np.random.Generator], Parts], rng: np.random.Generato
     return normalised(merged(kind.__name__, kind(rng)))
 
 
-def _builders(*kinds: Callable[[np.random.Generator], Parts]) -> Mapping[str, Builder]:
-    return MappingProxyType({kind.__name__: partial(_build, kind) for kind in kinds})
-
-
-SIMPLE_KINDS: Final = _builders(*solids.KINDS)
+SIMPLE_KINDS: Final[dict[str, Builder]] = {kind.__name__: partial(_build, kind) for kind in solids.KINDS}
 """Builders of simple models, the solids of a geometry book, by kind."""
 
-_COMPLEX: Final = (furniture, vessels, structures, plants, hardware, soft, outdoors)
+_COMPLEX = (furniture, vessels, structures, plants, hardware, soft, outdoors)
 
-COMPLEX_KINDS: Final = _builders(*(kind for module in _COMPLEX for kind in module.KINDS))
+COMPLEX_KINDS: Final[dict[str, Builder]] = {
+    kind.__name__: partial(_build, kind) for module in _COMPLEX for kind in module.KINDS
+}
 """Builders of complex models, by kind: everyday things with holes, thin parts and overlaps, where networks fail."""
 
 

@@ -98,13 +98,10 @@ def build_libraries(
     likes = [(section, particles.stretch, particles.thinness) for section, particles in recipes]
     first_like = [likes.index(like) for like in likes]
     built = {first: build_library(*recipes[first], split) for first in dict.fromkeys(first_like)}
-    own = [built[first] for first in first_like]
-    if len(built) == 1:
-        return tuple(own)
     numbers, models = dict[tuple[object, ...], int](), list[Mesh]()
-    result = []
-    for library in own:
-        seen, drawn = Counter[tuple[object, ...]](), []
+    drawn = dict[int, list[int]]()
+    for first, library in built.items():
+        seen, drawn[first] = Counter[tuple[object, ...]](), []
         for mesh in library.models:
             content = (mesh.name, *(getattr(mesh, name).tobytes() for name in _ARRAYS))
             # A library may have several equal models, each with its own chance.
@@ -113,9 +110,10 @@ def build_libraries(
             if key not in numbers:
                 numbers[key] = len(models)
                 models.append(mesh)
-            drawn.append(numbers[key])
-        result.append(replace(library, drawn=np.array(drawn, np.int64)))
-    return tuple(replace(library, models=tuple(models)) for library in result)
+            drawn[first].append(numbers[key])
+    return tuple(
+        replace(built[first], models=tuple(models), drawn=np.array(drawn[first], np.int64)) for first in first_like
+    )
 
 
 def build_family(name: str, variants: int, split: Split) -> list[Mesh]:

@@ -12,7 +12,7 @@ from semisynth_gl.scene.rig import own_from_outer
 from semisynth_gl.scene.scene import Projector
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import to_grey
-from semisynth_gl.textures.images import ImageError, check_opaque, read_image
+from semisynth_gl.textures.images import ImageError, read_image
 
 
 def sample_projector(section: ProjectorSection, rng: np.random.Generator) -> Projector | None:
@@ -31,13 +31,12 @@ def sample_projector(section: ProjectorSection, rng: np.random.Generator) -> Pro
 def find_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
     """Paint or read the pattern, (H, W) uint8: it belongs to the projector, so all pairs and datasets have the same.
 
-    Raises InputError where its file cannot be read, is transparent, or has another size.
+    Raises InputError where its file cannot be read, or has another size.
     """
     height, width = section.pattern_height_px, section.pattern_width_px
     if section.painted:
         return _painted(section, height, width)
     try:
-        check_opaque(expanded(section.pattern))
         pattern = to_grey(read_image(expanded(section.pattern)))
     except ImageError as error:
         raise InputError(f"projector.pattern: {error}") from None

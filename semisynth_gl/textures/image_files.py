@@ -2,6 +2,7 @@
 
 import glob
 import os
+import re
 from collections.abc import Collection, Sequence
 from importlib.util import find_spec
 from itertools import takewhile
@@ -14,12 +15,9 @@ from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, files_below
 from semisynth_gl.textures.images import image_extensions
 
-_MASKS = frozenset({"mask0nocc.png", "mask1nocc.png"})
-KITTI_2015_MAPS = ("disp_occ_0", "disp_noc_0", "disp_occ_1", "disp_noc_1")
-"""KITTI 2015's folders of disparity maps: two for the left view, then two for the right view."""
-KITTI_2012_MAPS = ("disp_occ", "disp_noc")
-_BESIDE = ("disp_refl_occ", "disp_refl_noc", "obj_map", "flow_occ", "flow_noc")
-_NO_PHOTOGRAPHS = frozenset((*KITTI_2015_MAPS, *KITTI_2012_MAPS, *_BESIDE))
+# Middlebury's and ETH3D's masks, and KITTI's folders of maps.
+_MASKS = ("mask0nocc.png", "mask1nocc.png")
+_MAPS = re.compile(r"(disp|disp_refl|flow)_(occ|noc)(_[01])?|obj_map")
 
 
 def find_images(sources: Sequence[str | Path]) -> list[Path]:
@@ -44,7 +42,7 @@ def beside_photographs(path: Path) -> bool:
 
     The name tells: ``mask0nocc.png``, or a folder of KITTI's for disparities, objects or flow.
     """
-    return path.name in _MASKS or path.parent.name in _NO_PHOTOGRAPHS
+    return path.name in _MASKS or _MAPS.fullmatch(path.parent.name) is not None
 
 
 def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> list[Path]:

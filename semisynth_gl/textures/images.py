@@ -58,17 +58,6 @@ def stored_size(path: Path) -> tuple[int, int]:
         return image.height, image.width
 
 
-def check_opaque(path: Path) -> None:
-    """Refuse an image with transparent pixels, whose colour `read_image` makes up.
-
-    Raises:
-        ImageError: where the header cannot be read, or the image has transparency.
-    """
-    with _opened(path) as image:
-        if image.has_transparency_data:
-            raise ImageError(path, "has transparent pixels: save it without transparency")
-
-
 def read_image(path: Path) -> NDArray[np.uint8]:
     """Read an image file as upright 8-bit RGB.
 

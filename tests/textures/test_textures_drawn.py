@@ -121,16 +121,12 @@ def test_what_is_wrong_with_pictures_is_left_out_or_said() -> None:
     with pytest.raises(InputError, match="1 smaller than 64"):
         built([flat, small])
 
-
-def test_pixels_of_another_kind_are_refused() -> None:
     for pixels in (np.zeros((9, 9, 3)), np.zeros((9, 9, 4), np.uint8), [[[1, 2, 3]]]):
         with pytest.raises(InputError, match="picture 'mine': expected an array"):
             Picture("mine", pixels)
 
 
-def test_pictures_beside_image_sequences_stay_within_the_layers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_beside_image_sequences_stay_within_the_layers(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(clips, "MOST_LAYERS", 96)
     files = save(tmp_path, **{f"{number}": octaves(number, 192) for number in range(8)})
     pictures = [Picture(f"picture-{number}", octaves(100 + number, 192)) for number in range(8)]

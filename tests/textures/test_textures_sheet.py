@@ -1,5 +1,7 @@
 """``semisynth-gl preview --patches``: the sheet shows the patches, the table counts them, and the cache keeps both."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from photograph_like import noise, octaves, save
@@ -32,34 +34,19 @@ def section(folder, **values):
     return TexturesSection(**given | values)
 
 
-def drawn(textures):
-    atlas = prepare_atlas(textures, Split(0))
-    patches = [(patch.source, atlas.pixels(patch)[0, ..., :3]) for patch in atlas.patches]
-    return atlas, np.asarray(draw_texture_sheet(atlas.report, patches, "title"))
-
-
-def places_of(sheet, tile):
-    """Where a tile is in the sheet, (row, column) of its corner, by exact pixels."""
+def shows(sheet, tile):
     height, width = tile.shape[:2]
-    possible = np.ones((sheet.shape[0] - height + 1, sheet.shape[1] - width + 1), bool)
-    for row, column in ((0, 0), (height // 2, width // 3), (height - 1, width - 1), (9, width // 2), (height // 3, 5)):
-        seen = sheet[row : row + possible.shape[0], column : column + possible.shape[1]]
-        possible &= (seen == tile[row, column]).all(axis=2)
-    places = zip(*np.nonzero(possible), strict=True)
-    return [(r, c) for r, c in places if (sheet[r : r + height, c : c + width] == tile).all()]
+    corners = np.argwhere((sheet == tile[0, 0]).all(axis=2)).tolist()
+    return any(np.array_equal(sheet[row : row + height, column : column + width], tile) for row, column in corners)
 
 
 def test_the_sheet_shows_every_patch_and_the_report_counts_them(photographs):
-    atlas, sheet = drawn(section(photographs))
-    report = atlas.report
-    assert report.images_too_small == 1
-    for patch in atlas.patches[::11]:
-        assert places_of(sheet, atlas.layers[patch.first_layer, ..., :3]), patch
-    for source, counts in report.grouped_counts.items():
-        for count in counts:
-            assert count.kept == sum(
-                (patch.source, patch.side_px) == (source, count.side_px) for patch in atlas.patches
-            )
+    atlas = prepare_atlas(section(photographs), Split(0))
+    patches = [(patch.source, atlas.pixels(patch)[0, ..., :3]) for patch in atlas.patches]
+    sheet = np.asarray(draw_texture_sheet(atlas.report, patches, "title"))
+    assert all(shows(sheet, pixels) for _, pixels in patches[::11])
+    counted = {(count.source, count.side_px): count.kept for count in atlas.report.counts if count.kept}
+    assert counted == Counter((patch.source, patch.side_px) for patch in atlas.patches)
 
 
 PREVIEW = ("preview", "--patches", "--config", "middlebury")
