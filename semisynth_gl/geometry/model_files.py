@@ -9,7 +9,7 @@ import json
 import logging
 import warnings
 from collections.abc import Iterator, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 import trimesh
@@ -182,11 +182,9 @@ class _Folder(FilePathResolver):
         self._left = MAX_BYTES
 
     def get(self, name: str) -> bytes:
-        # Many exporters write paths of the machine that they ran on.
-        for candidate in (name.strip().lstrip("/"), PurePosixPath(name.strip()).name):
-            path = (self._folder / candidate).resolve()
-            if path.is_relative_to(self._folder) and path.is_file():
-                content = _read(path, self._left)
-                self._left -= len(content)
-                return content
-        raise BrokenModelError(f"refers to {cut(name)!r}, expected a file in the model's folder or below it")
+        path = (self._folder / name).resolve()
+        if not path.is_relative_to(self._folder) or not path.is_file():
+            raise BrokenModelError(f"refers to {cut(name)!r}, expected a file in the model's folder or below it")
+        content = _read(path, self._left)
+        self._left -= len(content)
+        return content
