@@ -108,10 +108,11 @@ def _draw_patches(section: TexturesSection, seed: int, out: Path) -> None:
 
 def _patch_rows(report: TextureReport) -> Iterator[list[str]]:
     """Yield a row for each image: its patches by scale, its rejected crops by reason, its share of the surfaces."""
-    scales = report.scale_names
-    yield ["image", "patches", *(f"at {name}" for name in scales.values()), *REJECTIONS, "surfaces"]
+    sides = sorted({count.side_px for count in report.counts})
+    scales = [f"at {side / report.patch_px:g}x" for side in sides]
+    yield ["image", "patches", *scales, *REJECTIONS, "surfaces"]
     for name, counts in (*report.grouped_counts.items(), ("all", report.counts)):
-        numbers = [count_crops(counts, "kept"), *(count_crops(counts, "kept", side) for side in scales)]
+        numbers = [count_crops(counts, "kept"), *(count_crops(counts, "kept", side) for side in sides)]
         numbers += [count_crops(counts, outcome) for outcome in REJECTIONS]
         worn = sum(report.surface_shares.get(source, 0.0) for source in {count.source for count in counts})
         yield [printable(name), *map(str, numbers), f"{worn:.1%}"]

@@ -80,11 +80,6 @@ class TextureReport:
         return count_crops(self.counts, outcome)
 
     @property
-    def scale_names(self) -> dict[int, str]:
-        """The scales of the crops, such as ``{256: "1x", 512: "2x"}``, by side."""
-        return {side: f"{side / self.patch_px:g}x" for side in sorted({count.side_px for count in self.counts})}
-
-    @property
     def grouped_counts(self) -> dict[str, list[CropCount]]:
         """The counts by image, or by the kind of procedural patches, in their order."""
         groups: dict[str, list[CropCount]] = defaultdict(list)

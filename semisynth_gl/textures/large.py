@@ -27,15 +27,13 @@ def with_large_patches(
     photographs too. Patches are cut only from ``images``, by name, even if the atlas has patches of other images.
     """
     subjects = {patch.source: patch.subject for patch in atlas.patches if patch.source in images}
+    if not subjects:
+        return atlas
     sources: dict[str, list[str]] = defaultdict(list)
     for source in sorted(subjects):
         sources[subjects[source] or source].append(source)
-    order = []
-    for number in rng.permutation(len(sources))[:MOST_LARGE]:
-        of_one = sources[sorted(sources)[int(number)]]
-        order.append(of_one[0] if len(of_one) == 1 else of_one[int(rng.integers(len(of_one)))])
-    if not order:
-        return atlas
+    some = [sources[sorted(sources)[int(number)]] for number in rng.permutation(len(sources))[:MOST_LARGE]]
+    order = [of_one[int(rng.integers(len(of_one)))] for of_one in some]
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
     for number, name in enumerate(order, start=len(atlas.layers)):
         pixels = pixels_of(images[name])
