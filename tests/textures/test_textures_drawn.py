@@ -1,8 +1,9 @@
-"""Pictures in memory as a source of patches, and the pictures that the program paints itself."""
+"""Patches without the user's photographs: from painted pictures, procedural ones, and scikit-image's photographs."""
 
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.machinery import ModuleSpec
 from itertools import islice, pairwise
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures import clips, prepare
+from semisynth_gl.textures import clips, image_files, prepare
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.borders import Rectangle
 from semisynth_gl.textures.canvas import SIDE_PX
@@ -23,15 +24,15 @@ from semisynth_gl.textures.crops import DuplicateFinder, cover, cut_crop, sharpn
 from semisynth_gl.textures.crops import texture_measure as texture_of
 from semisynth_gl.textures.drawn import KINDS, PLAIN, drawn_pictures
 from semisynth_gl.textures.image_files import builtin_photographs
+from semisynth_gl.textures.images import read_image
 from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, unpack_atlas
+from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import SOURCES, open_source
 
 SECTION = TexturesSection(patch_px=64, scales=(1.0, 2.0))
-TRAIN, VALIDATION, TEST = (
-    Split(11, name, {"validation": 0.1, "test": 0.1}) for name in ("train", "validation", "test")
-)
+VALIDATION = Split(11, "validation", {"validation": 0.1, "test": 0.1})
 
 
 def built(pictures: Iterator[Picture] | list[Picture], files: list[Path] | None = None, **keys: object) -> Atlas:
@@ -173,3 +174,32 @@ def test_a_dataset_tells_of_its_pictures(tmp_path: Path) -> None:
     digests = [image["sha256"] for images in of_split for image in images]
     assert None not in digests
     assert len(set(digests)) == len(digests)
+
+
+@pytest.mark.parametrize("side_px", [16, 33, 128])
+def test_procedural_patches_have_texture_and_come_from_the_generator_alone(side_px: int) -> None:
+    first, again, other = (procedural_atlas(np.random.default_rng(seed), 20, side_px).layers for seed in (1, 1, 2))
+    assert (first.shape, first.dtype) == ((20, side_px, side_px, 4), np.uint8)
+    assert min(texture_of(layer[..., :3]) for layer in first) > 3.0
+    np.testing.assert_array_equal(first, again)
+    assert len({layer.tobytes() for layer in (*first, *other)}) == 40
+
+
+def test_builtin_photographs_are_there_and_none_is_an_evaluation_image() -> None:
+    paths = builtin_photographs()
+    assert len(paths) >= 8
+    assert not any("motorcycle" in path.name for path in paths)
+    for path in paths:
+        assert min(read_image(path).shape[:2]) >= 300
+
+
+@pytest.mark.parametrize("is_installed", [False, True])
+def test_photographs_that_are_not_there_are_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, is_installed: bool
+) -> None:
+    spec = ModuleSpec("skimage", None, is_package=True)
+    spec.submodule_search_locations = [str(tmp_path)]
+    monkeypatch.setattr(image_files, "find_spec", lambda _: spec if is_installed else None)
+    with pytest.raises(InputError, match="astronaut" if is_installed else "scikit-image") as caught:
+        builtin_photographs()
+    assert "textures.images" in str(caught.value)
