@@ -45,7 +45,8 @@ def files_below(folder: Path) -> Iterator[Path]:
             continue
         entered.add(real)
         folders.sort()
-        yield from (path for path in (Path(parent, name) for name in names) if path.is_file())
+        # pathlib raises where a folder may be listed, but not entered.
+        yield from (path for path in (Path(parent, name) for name in names) if os.path.isfile(path))  # noqa: PTH113
 
 
 def names_of(files: Files) -> list[str]:

@@ -57,11 +57,11 @@ def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> li
     found: set[Path] = set()
     for source in map(expanded, sources):
         # A source that exists is a path, not a glob: "[" and "*" may stand in a real file name.
-        exists = os.path.exists(source)  # noqa: PTH110  # pathlib raises where the name is too long
+        exists = os.path.exists(source)  # noqa: PTH110  # pathlib raises where a name is too long, or may not be seen
         for path in [source] if exists else map(Path, glob.glob(str(source), recursive=True)):  # noqa: PTH207
-            if path.is_dir():
+            if os.path.isdir(path):  # noqa: PTH112
                 found.update(below for below in files_below(path) if below.suffix.lower() in extensions)
-            elif exists or (path.suffix.lower() in extensions and path.exists()):
+            elif exists or (path.suffix.lower() in extensions and os.path.exists(path)):  # noqa: PTH110
                 found.add(path)
     # Of several paths to a file the shortest is kept: a link to a folder above would make endless longer paths.
     unique: dict[str, Path] = {}
