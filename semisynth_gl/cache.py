@@ -44,7 +44,7 @@ def cached(
     *,
     work: str | None = None,
     build: Callable[[], _Result],
-    pack: Callable[[_Result], Entry | None],
+    pack: Callable[[_Result], Entry],
     unpack: Callable[[Entry], _Result],
 ) -> _Result:
     """Return a result from the cache, or build it and put it into the cache; errors of ``build`` are passed on.
@@ -55,7 +55,7 @@ def cached(
             OSError, the cache is not used.
         work: what ``build`` does, such as "making models", logged as INFO before it begins; None where it is quick.
         build: returns the result.
-        pack: turns a result into an entry; None keeps the result out of the cache.
+        pack: turns a result into an entry.
         unpack: turns an entry into a result that equals the built one in every value.
     """
     path, folder = None, cache_folder()
@@ -71,9 +71,9 @@ def cached(
     if work is not None:
         _LOG.info(work)
     result = build()
-    if path is not None and (entry := pack(result)) is not None:
+    if path is not None:
         with suppress(OSError):
-            _write_entry(path, entry)
+            _write_entry(path, pack(result))
     return result
 
 

@@ -17,7 +17,7 @@ from trimesh.resolvers import FilePathResolver
 
 from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_units import BrokenModelError, Surface, join_surfaces
-from semisynth_gl.inputs.errors import OUT_OF_MEMORY, InputError, Skipped, cut, described
+from semisynth_gl.inputs.errors import InputError, Skipped, cut, described
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, files_below
 
 MAX_BYTES = 256 << 20
@@ -52,8 +52,6 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
                 meshes.append(join_surfaces(name, read_surfaces(path)))
         except BrokenModelError as error:
             skipped.append(Skipped(path, str(error)))
-        except MemoryError:
-            skipped.append(Skipped(path, OUT_OF_MEMORY))
     if not meshes:
         where = ", ".join(str(folder) for folder in folders)
         reasons = "".join(f"\n  {broken}" for broken in skipped)
@@ -79,7 +77,7 @@ def read_surfaces(path: Path) -> list[Surface]:
     """Read the parts of a model's file that have triangles, once for each node that places them, in the scene's frame.
 
     Raises BrokenModelError where the file cannot be read, refers to a file elsewhere, exceeds a limit, or has vertices
-    that are not finite or triangles whose indices are out of range; MemoryError where it does not fit into memory.
+    that are not finite or triangles whose indices are out of range.
     """
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in _FORMATS:
@@ -88,7 +86,7 @@ def read_surfaces(path: Path) -> list[Surface]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return _surfaces(_scene(path, suffix))
-    except (BrokenModelError, MemoryError):
+    except BrokenModelError:
         raise
     except Exception as error:  # a reader may throw anything at a hostile file
         clause = cut(" ".join(described(error).split()), 120)

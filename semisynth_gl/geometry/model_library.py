@@ -16,7 +16,7 @@ from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_units import make_model
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.topology import marked_solid
-from semisynth_gl.inputs.errors import OUT_OF_MEMORY, InputError, Skipped
+from semisynth_gl.inputs.errors import InputError, Skipped
 from semisynth_gl.inputs.user_files import expanded, files_below
 from semisynth_gl.plugins import find_plugin
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -133,13 +133,8 @@ def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
     return [make_model(f"{name}/{mesh.name}", mesh.positions, mesh.triangles, mesh.uv) for mesh in meshes]
 
 
-def _packed(library: ModelLibrary) -> Entry | None:
-    """Return the library as an entry, in whose arrays the models follow one another.
-
-    Return None where a model did not fit into memory: the next run tries it again.
-    """
-    if any(skipped.reason == OUT_OF_MEMORY for skipped in library.skipped):
-        return None
+def _packed(library: ModelLibrary) -> Entry:
+    """Return the library as an entry, in whose arrays the models follow one another."""
     values = {
         "rows": {name: [len(getattr(mesh, name)) for mesh in library.models] for name in _ARRAYS},
         "models": [[mesh.name, mesh.solid] for mesh in library.models],

@@ -64,10 +64,6 @@ def no_folder(path: Path, argument: str) -> InputError:
     return InputError(f"{path}: {'is a file' if path.exists() else 'there is no such folder'}", argument=argument)
 
 
-OUT_OF_MEMORY = "does not fit into memory"
-"""The reason of a `Skipped` file that may be read the next time: results without the file are not cached."""
-
-
 @dataclass(frozen=True, slots=True)
 class Skipped:
     """A file that was skipped, and a clause that says why, such as ``"has no triangles"``."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from semisynth_gl.inputs.errors import OUT_OF_MEMORY, ReadError
+from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER
 from semisynth_gl.seeds.spread import spread
 
@@ -106,8 +106,6 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         raise
     except UnidentifiedImageError as error:
         raise ImageError(path, IS_LFS_POINTER if pointer else "is not an image that Pillow can read") from error
-    except MemoryError as error:
-        raise ImageError(path, OUT_OF_MEMORY) from error
     except Exception as error:  # decoders of hostile files raise anything
         if isinstance(error, OSError) and error.strerror:
             raise ImageError(path, f"cannot be read: {error.strerror}") from error

@@ -10,7 +10,6 @@ from pydantic import TypeAdapter
 
 from semisynth_gl.cache import Entry, cached, file_states
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.inputs.errors import OUT_OF_MEMORY
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas, Patch
@@ -123,10 +122,8 @@ def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: st
     return set(chain.from_iterable(split.share(subjects, what, _PHOTOGRAPHS)))
 
 
-def pack_atlas(atlas: Atlas) -> Entry | None:
-    """Turn an atlas into an entry of the cache; None where an image did not fit into memory."""
-    if any(image.reason == OUT_OF_MEMORY for image in atlas.report.images_skipped):
-        return None
+def pack_atlas(atlas: Atlas) -> Entry:
+    """Turn an atlas into an entry of the cache."""
     report = TypeAdapter(TextureReport).dump_python(atlas.report, mode="json")
     values = {"patches": [asdict(patch) for patch in atlas.patches], "report": report, "pictures": atlas.pictures}
     return Entry(values, {"layers": atlas.layers, "large_layers": atlas.large_layers})

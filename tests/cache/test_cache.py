@@ -7,17 +7,16 @@ import os
 import pickle
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from unittest.mock import DEFAULT, Mock
 
 import numpy as np
 import pytest
-from PIL import Image, ImageOps
+from PIL import Image
 from tiny_datasets import cheap
 
 from semisynth_gl import cache
 from semisynth_gl.cache import Entry, cache_summary, cached
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
-from semisynth_gl.geometry import model_files, model_library
+from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.plugins import modules_sha256
 from semisynth_gl.scene import disparity_solver
@@ -116,21 +115,6 @@ def test_models_that_are_found_equal_those_that_were_built(own, built):
     for values in ({}, {"simple": 1.0}):
         assert plain(library(own, **values)) == plain(library(own, **values))
     assert built == ["_build"] * 2
-
-
-@pytest.mark.parametrize(
-    ("home", "name"), [(ImageOps, "exif_transpose"), (model_files, "read_surfaces"), (model_files, "join_surfaces")]
-)
-def test_what_did_not_fit_into_memory_is_tried_again(photographs, own, monkeypatch, home, name):
-    def use():
-        if home is ImageOps:
-            return prepare_atlas(textures(photographs), Split(0)).report.images_skipped
-        return library(own).skipped
-
-    with monkeypatch.context() as patched:
-        patched.setattr(home, name, Mock(wraps=getattr(home, name), side_effect=[MemoryError, *[DEFAULT] * 9]))
-        assert [skipped.reason for skipped in use()] == ["does not fit into memory"]
-    assert use() == ()
 
 
 def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
