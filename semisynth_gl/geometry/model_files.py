@@ -30,16 +30,16 @@ MAX_TRIANGLES, MAX_VERTICES = 2_000_000, 20_000_000
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 _FORMATS = ("glb", "gltf", "obj", "off", "ply", "stl")
-# Files of models, too, but reported: trimesh does not read them, or only with further packages.
+# Files in these formats are reported: trimesh does not read them, or only with further packages.
 _NOT_READ = ("3ds", "3mf", "blend", "dae", "fbx", "max", "step", "stp", "usd", "usda", "usdc", "usdz", "x3d", "zip")
 
 
 def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     """Read all models in folders and below, in the order of the folders and of the paths in each folder.
 
-    ``folders`` may also name single files. The parts of a file are joined as its nodes place them, and the model is
-    normalised. Parts keep their UV map, scaled to model units; parts and single triangles without usable UV get it from
-    `project_uv`. Models in formats that are not read are reported, other files ignored.
+    The parts of a file are joined as its nodes place them, and the model is normalised. Parts keep their UV map, scaled
+    to model units; parts and single triangles without usable UV get it from `project_uv`. Models in formats that are
+    not read are reported, other files ignored.
 
     Returns the models, named by their paths relative to the folder, and the unusable files, each with a reason. Raises
     InputError where a folder does not exist, or no file has a usable model.
@@ -60,14 +60,12 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
 
 
 def _files(folders: Sequence[Path]) -> Iterator[tuple[Path, str]]:
-    """Yield the given files, and the models in the given folders, each with its name."""
+    """Yield the models in folders, each with its name."""
     endings = tuple(f".{suffix}" for suffix in (*_FORMATS, *_NOT_READ))
     for folder in folders:
-        if not folder.exists():
-            raise InputError(f"models: expected a folder or a file, but {folder} does not exist")
         if not folder.is_dir():
-            yield folder, folder.name
-            continue
+            found = "is a file" if folder.exists() else "does not exist"
+            raise InputError(f"models: expected a folder, but {folder} {found}")
         for path in sorted(files_below(folder)):
             if path.name.lower().endswith(endings):
                 yield path, path.relative_to(folder).as_posix()

@@ -60,10 +60,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
     drawn. Raises InputError where a folder does not exist, the folders have no usable model, no model has a weight, a
     plug-in cannot be used, or models are too few for all splits.
     """
-    folders = [expanded(folder) for folder in section.folders]
-    if not all(folder.is_dir() for folder in folders):  # not cached: a single file may refer to any file beside it
-        return _build(section, particles, split)
-    files = [sorted(files_below(folder)) for folder in folders]
+    files = [sorted(files_below(expanded(folder))) for folder in section.folders]
     families = [find_plugin("models", name) for name, weight in section.families.items() if weight > 0]
 
     def key() -> dict[str, Any]:
