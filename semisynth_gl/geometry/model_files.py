@@ -8,11 +8,14 @@ import io
 import json
 import logging
 import warnings
+import zipfile
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import trimesh
+from trimesh.exchange import load as trimesh_load
 from trimesh.resolvers import FilePathResolver
 
 from semisynth_gl.geometry.mesh import Floats, Mesh
@@ -21,7 +24,7 @@ from semisynth_gl.inputs.errors import InputError, Skipped, cut, described
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, files_below
 
 MAX_BYTES = 256 << 20
-"""Most bytes of a model's file, and of the files that it refers to."""
+"""Most bytes of a model's file, unpacked, and of the files that it refers to."""
 
 MAX_TRIANGLES, MAX_VERTICES = 2_000_000, 20_000_000
 """Most triangles and vertices of a model, counted as often as its nodes place them."""
@@ -29,9 +32,9 @@ MAX_TRIANGLES, MAX_VERTICES = 2_000_000, 20_000_000
 # Keeps trimesh's messages off standard error where the application has not set up logging.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
-_FORMATS = ("glb", "gltf", "obj", "off", "ply", "stl")
-# Files in these formats are reported: trimesh does not read them, or only with further packages.
-_NOT_READ = ("3ds", "3mf", "blend", "dae", "fbx", "max", "step", "stp", "usd", "usda", "usdc", "usdz", "x3d", "zip")
+# trimesh knows the formats of the first group, some of them with a package that may not be installed.
+_FORMATS = frozenset({*trimesh_load.mesh_loaders, *trimesh.available_formats(), "zip"})
+_NOT_READ = frozenset({"fbx", "usd", "usda", "usdc", "usdz", "blend", "3ds", "max"})
 
 
 def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
@@ -61,7 +64,7 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
 
 def _files(folders: Sequence[Path]) -> Iterator[tuple[Path, str]]:
     """Yield the models in folders, each with its name."""
-    endings = tuple(f".{suffix}" for suffix in (*_FORMATS, *_NOT_READ))
+    endings = tuple(f".{suffix}" for suffix in _FORMATS | _NOT_READ)
     for folder in folders:
         if not folder.is_dir():
             found = "is a file" if folder.exists() else "does not exist"
@@ -78,8 +81,8 @@ def read_surfaces(path: Path) -> list[Surface]:
     that are not finite or triangles whose indices are out of range.
     """
     suffix = path.suffix.lower().removeprefix(".")
-    if suffix not in _FORMATS:
-        raise BrokenModelError(f"is not of a kind that is read ({path.suffix}): save it as .glb")
+    if suffix not in trimesh.available_formats():
+        raise BrokenModelError(f"is not of a kind that trimesh reads here ({path.suffix}): save it as .glb")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -93,6 +96,9 @@ def read_surfaces(path: Path) -> list[Surface]:
 
 def _scene(path: Path, suffix: str) -> trimesh.Scene:
     content = _read(path, MAX_BYTES)
+    if zipfile.is_zipfile(io.BytesIO(content)):  # as .zip, .3mf, .3dxml and .zae are
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            _require_at_most(MAX_BYTES, "bytes once unpacked", sum(info.file_size for info in archive.infolist()))
     if suffix in {"glb", "gltf"}:  # trimesh would look for another file, whatever is wrong with a .gltf
         _check_gltf(content)
     if suffix in {"obj", "off"}:  # trimesh needs a further package for a comment in Latin-1, and takes no BOM
@@ -118,14 +124,14 @@ def _read(path: Path, most: int) -> bytes:
 
 
 def _check_gltf(gltf: bytes) -> None:
-    """Refuse a glTF or GLB file that requires a compression, or declares too many vertices."""
+    """Refuse a glTF or GLB file that requires a compression which is not read here, or declares too many vertices."""
     text = gltf
     if gltf.startswith(b"glTF"):  # a header of 12 bytes, then the length and the kind of the chunk of JSON
         text = gltf[20 : 20 + int.from_bytes(gltf[12:16], "little")]
     document = json.loads(text)
-    for name in document.get("extensionsRequired", []):
-        if name.endswith("_compression"):
-            raise BrokenModelError(f"is compressed with {name}: save it without compression")
+    not_read = {"EXT_meshopt_compression"} | ({"KHR_draco_mesh_compression"} if find_spec("DracoPy") is None else set())
+    for name in not_read.intersection(document.get("extensionsRequired", [])):
+        raise BrokenModelError(f"is compressed with {name}: save it without compression")
     # Counted before trimesh allocates them: an accessor may have more elements than the file has bytes, and trimesh
     # copies vertices that primitives share.
     counts = [accessor["count"] for accessor in document.get("accessors", [])]

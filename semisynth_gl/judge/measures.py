@@ -199,6 +199,7 @@ MEASURES: tuple[Measure, ...] = (
 _CHANGES = {
     "scenes": tuple(f"in scenes, give more weight to recipes with {count} objects" for count in ("many", "few")),
     "antialias": ("antialias: edges", "antialias: none"),
+    "particles.density": ("particles.density: dense", "particles.density: sparse"),
     "disparity.target": tuple(
         f"in disparity.target, give more weight to {size} disparities" for size in ("large", "small")
     ),
