@@ -7,6 +7,7 @@ import os
 import pickle
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
