@@ -135,10 +135,12 @@ def test_a_folder_without_a_usable_model_is_an_input_error_with_reasons(tmp_path
 def test_models_of_a_folder_are_found_in_the_order_of_their_paths(tmp_path: Path) -> None:
     for name in ("b.obj", "a/z.obj", "a/b.OBJ", "c.obj", "a.png", "a.txt", "obj", ".hidden"):
         write(tmp_path, name, OBJ)
-    (tmp_path / "a/loop").symlink_to(tmp_path)
     assert [mesh.name for mesh in load_models([tmp_path])[0]] == ["a/b.OBJ", "a/z.obj", "b.obj", "c.obj"]
     write(tmp_path, "b/c.obj", OBJ)
-    assert [mesh.name for mesh in load_models([tmp_path / "b", tmp_path / "a"])[0]][:2] == ["c.obj", "b.OBJ"]
+    (tmp_path / "b/linked").symlink_to(tmp_path / "a")
+    (tmp_path / "b/loop").symlink_to(tmp_path / "b")
+    found = [mesh.name for mesh in load_models([tmp_path / "b", tmp_path / "a"])[0]]
+    assert found == ["c.obj", "linked/b.OBJ", "linked/z.obj", "b.OBJ", "z.obj"]
 
 
 def test_uv_map_is_kept_in_model_units_with_v_downwards(folder: Path) -> None:
