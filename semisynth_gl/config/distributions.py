@@ -10,10 +10,6 @@ from pydantic import Field
 from semisynth_gl.config.fields import FROM_LIST, SMALLEST, Finite, Positive, Rule, Section, Weight
 from semisynth_gl.histogram import Histogram
 
-# Largest share of a target that may be out of reach: measured histograms have a few stray pixels anywhere.
-_OUT_OF_REACH = 0.02
-# Reach of a gamma distribution's check on either side of the mean, in standard deviations, and its number of bins.
-_SPREADS, _GAMMA_BINS = 8, 100
 # Number of points per bin at which a density is evaluated.
 _POINTS = 16
 # Number of bins of a target that states none.
@@ -26,6 +22,11 @@ class UniformTarget(Section):
     form: Literal["uniform"] = "uniform"
     low_px: Finite | None = None
     high_px: Finite | None = None
+
+    def ends(self, min_px: float, max_px: float) -> tuple[float, float]:
+        """Return the smallest and the largest disparity, px."""
+        low_px, high_px = self.low_px, self.high_px
+        return min_px if low_px is None else low_px, max_px if high_px is None else high_px
 
 
 class UniformDepthTarget(Section):
@@ -90,32 +91,23 @@ TargetSection = Annotated[
 ]
 
 
-def target_fault(target: TargetSection, min_px: float, max_px: float, low_px: float) -> str | None:
-    """Return a message where scenes cannot show all but 2 % of the pixels of a target, else None.
+def shares_beyond(target: TargetSection, min_px: float, max_px: float) -> tuple[float, float]:
+    """Return the shares of a target below ``min_px`` and above ``max_px``.
 
-    ``min_px`` and ``max_px`` are keys of the section ``disparity``. Scenes show ``low_px`` to ``max_px``.
+    Of a gamma distribution, which is cut there, only the disparities within ``spread_px`` of its mean count.
     """
     match target:
         case UniformDepthTarget():
-            return None
+            return 0.0, 0.0
         case UniformTarget():
-            low, high = _ends(target, min_px, max_px)
-            if low >= high:
-                return f"expected low_px < high_px, got {low:g} and {high:g}"
-            whole = Histogram.from_counts([low, high], [1.0])
+            whole = Histogram.from_counts(target.ends(min_px, max_px), [1.0])
         case GammaTarget():
-            reach_px = _SPREADS * target.spread_px
-            first = max(target.origin_px, target.mean_px - reach_px)
-            whole = target.histogram(np.linspace(first, target.mean_px + reach_px, _GAMMA_BINS + 1))
+            first_px = max(target.origin_px, target.mean_px - target.spread_px)
+            whole = Histogram.from_counts([first_px, target.mean_px + target.spread_px], [1.0])
         case HistogramTarget():
             whole = target.histogram()
-    below, to_end = whole.cumulative([low_px, max_px])
-    if max(below, 1 - to_end) <= _OUT_OF_REACH:
-        return None
-    return (
-        f"disparity.target wants {below:.1%} of the pixels below and {1 - to_end:.1%} above what this config can show, "
-        f"{low_px:g} to {max_px:g} px: change the target, or disparity.min_px and disparity.max_px"
-    )
+    below, to_end = whole.cumulative([min_px, max_px]).tolist()
+    return below, 1 - to_end
 
 
 def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_px: float) -> Histogram:
@@ -131,11 +123,6 @@ def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_
         case GammaTarget():
             return target.histogram(edges_px)
         case UniformTarget():
-            return Histogram.from_counts(_ends(target, min_px, max_px), [1.0]).rebinned(edges_px)
+            return Histogram.from_counts(target.ends(min_px, max_px), [1.0]).rebinned(edges_px)
         case HistogramTarget():
             return target.histogram()
-
-
-def _ends(target: UniformTarget, min_px: float, max_px: float) -> tuple[float, float]:
-    low_px, high_px = target.low_px, target.high_px
-    return min_px if low_px is None else low_px, max_px if high_px is None else high_px

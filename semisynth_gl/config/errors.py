@@ -19,8 +19,10 @@ def reason_of(fault: ErrorDetails) -> str:
 
 
 def explained(error: ValidationError, layer: Layer) -> str:
-    """Return a line for each fault that pydantic found in a layer's values."""
-    return "\n".join(dict.fromkeys(_line(fault, layer) for fault in error.errors(include_url=False)))
+    """Return a line for each fault that pydantic found in a layer's values; recipes repeat those of the config."""
+    faults = error.errors(include_url=False)
+    own = [fault for fault in faults if fault["loc"][2:3] != ("config",)]
+    return "\n".join(dict.fromkeys(_line(fault, layer) for fault in own or faults))
 
 
 def _line(fault: ErrorDetails, layer: Layer) -> str:
@@ -42,7 +44,8 @@ def _line(fault: ErrorDetails, layer: Layer) -> str:
         case _:
             is_rule = isinstance(error, ConfigError) or isinstance(fault["input"], dict | BaseModel)
             reason = reason_of(fault) + ("" if is_rule else f", got {shown(fault['input'])}")
-    return layer.said(reason, keys, recipe)
+    # A recipe's own key is at fault before the config's.
+    return layer.said(reason, [(*recipe, *each) if holds(layer.values, (*recipe, *each)) else each for each in keys])
 
 
 def _hint(key: Key) -> str:

@@ -1,6 +1,6 @@
 """Merging the values of configs key by key: a config over the one that it extends, a recipe over its config."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -57,20 +57,14 @@ class Layer:
         kept = {key: place for key, place in below.places.items() if key not in self.places}
         return Layer(merged(below.values, self.values), kept | self.places)
 
-    def said(self, text: str, keys: Iterable[Key], recipe: Key = ()) -> str:
-        """Return a message on a fault of some keys, each with its place; the key that was set last comes first.
-
-        ``recipe`` is the key of the recipe whose config has the fault: the message prefers the recipe's keys.
-        """
-        whole = [(*recipe, *key) if holds(self.values, (*recipe, *key)) else key for key in keys]
-        stated = [key for key in whole if holds(self.values, key)] or whole[:1]
+    def said(self, text: str, keys: Sequence[Key]) -> str:
+        """Return a message on a fault of some keys, each with its place; the key that was set last comes first."""
+        stated = [key for key in keys if holds(self.values, key)] or keys[:1]
         homes = {key: self._home(key) for key in stated}
         order = [(), *self.places]
         last, *others = sorted(stated, key=lambda key: order.index(homes[key]), reverse=True)
         places = {key: self.places.get(home, "") for key, home in homes.items()}
         notes = [f"{dotted(key)} of {places[key]}" for key in others if places[key] != places[last]]
-        if recipe and not any(key[:2] == recipe for key in stated):
-            notes.append(dotted(recipe))
         start = (" " if places[last] == OVERRIDE else ": ").join(filter(None, (places[last], dotted(last))))
         return f"{start}: {text}" + (f" (with {', '.join(notes)})" if notes else "")
 

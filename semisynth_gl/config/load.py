@@ -22,9 +22,6 @@ from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, read_file
 from semisynth_gl.plugins import find_plugin, installed_plugins
 
-# The keys that decide whether scenes can show the target.
-_OF_TARGET: tuple[Key, ...] = ("disparity", "target"), ("disparity", "min_px"), ("disparity", "max_px")
-
 Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
 
 
@@ -73,14 +70,9 @@ def overridden(values: Values, overrides: Overrides) -> Values:
 def _validated(layer: Layer) -> Config:
     layer = _with_plugin_recipes(layer)
     try:
-        # First without the recipes, whose configs have all faults of the config below them.
-        if layer.values.get("scenes"):
-            Config.model_validate(layer.values | {"scenes": []})
         config = Config.model_validate(layer.values)
     except ValidationError as error:
         raise InputError(explained(error, layer)) from None
-    for recipe, fault in config.target_faults():
-        raise InputError(layer.said(fault, _OF_TARGET, recipe))
     installed_plugins()  # refuses one that has a built-in name, which the config may mean
     used = config.used_plugins()
     if config.layout is not None and config.layout not in LAYOUTS:

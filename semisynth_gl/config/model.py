@@ -18,7 +18,7 @@ from semisynth_gl.config.dataset_sections import (
     SequenceSection,
     SplitsSection,
 )
-from semisynth_gl.config.distributions import UniformDepthTarget, target_fault, wanted_histogram
+from semisynth_gl.config.distributions import UniformDepthTarget, wanted_histogram
 from semisynth_gl.config.fields import FROM_LIST, ConfigError, Name, PluginName, Range, Rule, Section, Weight, one_of
 from semisynth_gl.config.layers import Values, merged
 from semisynth_gl.config.rig_sections import (
@@ -41,7 +41,7 @@ from semisynth_gl.config.scene_sections import (
 )
 from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, DRAWN_OUTPUTS, OUTPUTS, TruthViews
-from semisynth_gl.histogram import Histogram, mix_histograms
+from semisynth_gl.histogram import Histogram
 from semisynth_gl.plugins import Group
 
 # None stays out of the digest, so that these sections did not change existing configs.
@@ -70,7 +70,7 @@ class RecipeSection(Section):
 
     recipe: Name
     """name of the recipe: letters, digits and hyphens; by default the name in ``extends``"""
-    extends: PluginName | None = None
+    extends: Annotated[PluginName | None, _LEFT_OUT] = None
     """name of a plug-in's recipe, over which the keys are merged when the config is read"""
     weight: Weight = 1.0
     """weight of the recipe; its share of the sequences is in proportion to this"""
@@ -83,17 +83,17 @@ class RecipeSection(Section):
     @classmethod
     def _holds_for_scenes(cls, given: dict[str, Any]) -> dict[str, Any]:
         for section, keys in given.items():
-            stated = keys if isinstance(keys, dict) else {}
-            fixed = [f"{section}.{key}" for key in stated if key in _FIXED.get(section, ())]
-            if fixed or (section in Config.model_fields and section not in _FIXED):
-                key = next(iter(fixed), section)
+            fixed = [f"{section}.{key}" for key in _FIXED.get(section, ()) if isinstance(keys, dict) and key in keys]
+            if section in Config.model_fields and section not in _FIXED:
+                fixed = [section]
+            for key in fixed:
                 text = f"a recipe cannot change this key, which holds for all pairs: set {key} beside scenes"
                 raise ConfigError(text, (key,))
         return given
 
     @model_serializer(mode="wrap")
     def _as_written(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        head = {key: value for key, value in serialise(self).items() if value is not None}
+        head = serialise(self)
         values: dict[str, Any] = _picked(head.pop("config"), head.pop("given"))
         return values | head
 
@@ -193,47 +193,35 @@ class Config(Section):
         yield bool(is_weightless), "expected a weight above 0 for at least one recipe", ("scenes",)
 
     def _disparity_rules(self) -> Iterator[Rule]:
-        signed, doffs_px = self.disparity.signed, self.camera.all_doffs_px.low
-        shown, least, most = self._shown_px(), 0.0 - doffs_px if signed else 0.0, self.disparity.max_px
-        if signed:
-            why = f"which is infinitely far away where the principal points differ by doffs = {doffs_px:g} px"
-            others: tuple[str, ...] = ("camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px")
-        else:
+        disparity, doffs_px = self.disparity, self.camera.all_doffs_px
+        others = "camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px"
+        least = 0.0 - doffs_px.low if disparity.signed else 0.0
+        why = f"which is infinitely far away where the principal points differ by doffs = {doffs_px.low:g} px"
+        if not disparity.signed:
             why, others = "as disparity.signed is false", ("disparity.signed",)
-        lowest = {"disparity.min_px": self.disparity.min_px} | {key: px.low for key, px in shown.items()}
-        for key, low_px in lowest.items():
-            text = f"{key} goes down to {low_px:g} px: expected more than {least:g}, {why}"
-            yield low_px <= least, text, (key, *others)
-        for key, px in shown.items():
-            text = f"{key} goes up to {px.high:g} px: expected at most {most:g}, the limit disparity.max_px"
-            yield px.high > most, text, (key, "disparity.max_px")
-        least = -self.camera.all_doffs_px.middle
+        for key, px in self._shown_px().items():
+            text = f"{key} goes down to {px.low:g} px: expected more than {least:g}, {why}"
+            yield px.low <= least, text, (key, *others)
+            text = f"{key} goes up to {px.high:g} px: expected at most {disparity.max_px:g}, the limit disparity.max_px"
+            yield px.high > disparity.max_px, text, (key, "disparity.max_px")
+        least = -doffs_px.middle
         text = f"a target uniform in depth needs a min_px above {least:g}, which is infinitely far away for this camera"
-        is_beyond = isinstance(self.disparity.target, UniformDepthTarget) and self.disparity.min_px <= least
+        is_beyond = isinstance(disparity.target, UniformDepthTarget) and disparity.min_px <= least
         yield is_beyond, text, ("disparity.min_px", "disparity.target", "camera.doffs_px")
 
     def _shown_px(self) -> dict[str, Range]:
         """Return the disparities that the sections state for objects that scenes can show, by dotted key."""
-        shown: dict[str, Range | None] = {f"background.{key}": px for key, px in self.background.shown_px().items()}
+        disparity, background, structures, particles = self.disparity, self.background, self.structures, self.particles
+        shown: dict[str, Range | None] = {"disparity.min_px": Range(disparity.min_px, disparity.min_px)}
+        if background.cuboid or background.room:
+            shown["background.wall_disparity_px"] = background.wall_disparity_px
+        if background.plane or background.street:
+            shown["background.plane_disparity_px"] = background.plane_disparity_px
         for key in ("ground_disparity_px", "panel_disparity_px"):
-            shown[f"structures.{key}"] = getattr(self.structures, key)
-        for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
+            shown[f"structures.{key}"] = getattr(structures, key)
+        for name, layers in (("layers", particles.layers or ()), ("clutter", particles.clutter)):
             shown |= {f"particles.{name}.{k}.disparity_px": layer.disparity_px for k, layer in enumerate(layers)}
         return {key: px for key, px in shown.items() if px is not None}
-
-    def target_faults(self) -> Iterator[tuple[Key, str]]:
-        """Yield a message for each target that scenes cannot show, with the key of its recipe, () for the config's own.
-
-        The mix as a whole meets the config's target, not each recipe.
-        """
-        lowest_px = min(recipe.config.lowest_px() for recipe in self.recipes())
-        found: list[tuple[Key, Config, float]] = [((), self, lowest_px)]
-        for number, each in enumerate(self.scenes):
-            found += [(("scenes", number), each.config, each.config.lowest_px())] if "disparity" in each.given else []
-        for key, config, low_px in found:
-            section = config.disparity
-            if fault := target_fault(section.target, section.min_px, section.max_px, low_px):
-                yield key, fault
 
     @property
     def images_as_rendered(self) -> bool:
@@ -249,12 +237,6 @@ class Config(Section):
     def sequence_pairs(self) -> int:
         """Number of pairs of each sequence."""
         return self.sequence.length * self.views
-
-    def lowest_px(self) -> float:
-        """Return the smallest disparity that the sections allow scenes to show."""
-        background, sky_px = self.background, -self.camera.all_doffs_px.high
-        lowest = [self.disparity.min_px, *(disparity_px.low for disparity_px in background.shown_px().values())]
-        return min([*lowest, sky_px] if background.shows_sky and (self.disparity.signed or sky_px > 0) else lowest)
 
     @property
     def encodings(self) -> Encodings:
@@ -286,13 +268,7 @@ class Config(Section):
         Where a scene has several baselines, the longest has the wanted distribution, and pairs with shorter baselines
         show smaller disparities.
         """
-        wanted = self.wanted_histogram()
-        if self.views == 1:
-            return wanted
-        parts = [(recipe.share, recipe.config.across_baselines(wanted)) for recipe in self.recipes()]
-        # The part that reaches lowest has the edges of all other parts.
-        lowest = min((part for _, part in parts), key=lambda part: float(part.edges_px[0]))
-        return mix_histograms(parts, lowest.edges_px)
+        return self.across_baselines(self.wanted_histogram())
 
     def across_baselines(self, longest: Histogram) -> Histogram:
         """Return the distribution of disparity over all pairs, given that of the longest baselines' pairs."""

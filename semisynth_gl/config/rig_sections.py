@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from semisynth_gl.config.distributions import TargetSection, UniformTarget
+from semisynth_gl.config.distributions import TargetSection, UniformTarget, shares_beyond
 from semisynth_gl.config.fields import (
     FROM_LIST,
     SMALLEST,
@@ -38,6 +38,9 @@ MOST_FY_OVER_FX = 2.0
 _LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
 _SUB_FRAMES = 7
+# Largest shares of a target that may lie below min_px, where walls, far planes and the sky may be, and above max_px:
+# measured histograms have a few stray pixels anywhere.
+_MOST_BELOW, _MOST_ABOVE = 0.25, 0.02
 # Number of scenes from whose baselines the ratios of baselines are taken.
 _SCENES = 200
 
@@ -147,6 +150,13 @@ class DisparitySection(Section):
     def _rules(self) -> Iterator[Rule]:
         text = f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty"
         yield self.min_px >= self.max_px, text, ("min_px", "max_px")
+        if isinstance(self.target, UniformTarget):
+            low, high = self.target.ends(self.min_px, self.max_px)
+            yield low >= high, f"expected low_px < high_px, got {low:g} and {high:g}", ("target",)
+        below, above = shares_beyond(self.target, self.min_px, self.max_px)
+        text = f"disparity.target wants {below:.1%} of the pixels below disparity.min_px and {above:.1%} above max_px"
+        is_beyond = below > _MOST_BELOW or above > _MOST_ABOVE
+        yield is_beyond, f"{text}: change the target, or these limits", ("target", "min_px", "max_px")
 
 
 class RawEyeSection(Section):

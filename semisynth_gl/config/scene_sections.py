@@ -61,18 +61,6 @@ class BackgroundSection(Section):
         text = "expected a weight above 0 for cuboid, plane, room or street"
         yield self.cuboid + self.plane + self.room + self.street == 0, text, ("cuboid", "plane", "room", "street")
 
-    @property
-    def shows_sky(self) -> bool:
-        """Whether any scene can have a sky."""
-        return self.sky > 0 and self.plane + self.street > 0
-
-    def shown_px(self) -> dict[str, Range]:
-        """Return the stated disparities of the walls and far planes that scenes can have, by key of this section."""
-        wall_px = self.wall_disparity_px if self.cuboid or self.room else None
-        plane_px = self.plane_disparity_px if self.plane or self.street else None
-        stated = {"wall_disparity_px": wall_px, "plane_disparity_px": plane_px}
-        return {key: disparity_px for key, disparity_px in stated.items() if disparity_px is not None}
-
 
 class RoomSection(Section):
     """Furnished rooms. One with its far wall nearer than 2.5 m or beyond 9 m is scaled with its contents."""

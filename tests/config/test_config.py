@@ -169,10 +169,10 @@ PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
          "lens.left.distortion: radial-tangential has 4 or 5 or 8 or 12 coefficients, got 3"),
         ("kitti", ["camera.doffs_px=-40", "disparity.target={form: uniform-depth}"], "disparity.target: .* above 40,"),
         ("kitti", ["disparity.max_px=40", "scenes=[]"],
-         rf"disparity.max_px: disparity.target wants 0.3% .* 40 px: .* \(with disparity.target of {PACKAGED}"),
+         rf"disparity.max_px: disparity.target wants 5.1% .* above max_px: .* \(with disparity.target of {PACKAGED}"),
         ("kitti", ["disparity.target={form: uniform, low_px: -99, high_px: 50}"], "disparity.target: .* pixels below"),
         # A recipe of the packaged config.
-        ("middlebury", ["disparity.max_px=100"],
+        ("middlebury", ["disparity.target={form: uniform, high_px: 99}", "disparity.max_px=100"],
          rf"disparity.max_px: structures.* \(with scenes.1.structures.ground_disparity_px of {PACKAGED}\)"),
         ("kitti", ["disparity.max_px=30", "disparity.target={form: gamma, mean_px: 9, spread_px: 5}",
                    "scenes=[{recipe: near, structures: {panel_disparity_px: 90}}]"],
@@ -196,13 +196,6 @@ def test_the_key_that_was_set_last_is_blamed_and_the_others_named(name, settings
 def test_a_wrong_key_names_those_that_may_be_meant(key, meant):
     with pytest.raises(InputError, match=rf"^override {key.partition('.')[0]}.*: unknown key; did you mean .*{meant}"):
         load_config("middlebury", {key: 3})
-
-
-@pytest.mark.parametrize(("doffs_px", "signed", "lowest_px"), [(-5, False, 3), (1, False, 4), (1, True, -3)])
-def test_a_sky_is_the_lowest_disparity_where_it_is_one(doffs_px, signed, lowest_px):
-    values = {"camera.doffs_px": [doffs_px, doffs_px + 2], "background": {"plane_disparity_px": 6, "sky": 0.5}}
-    values |= {"disparity": {"signed": signed, "min_px": 4, "target": {"form": "uniform"}}, "scenes": []}
-    assert load_config("kitti", values).lowest_px() == lowest_px
 
 
 # Targets
