@@ -227,9 +227,24 @@ def test_a_glance_cuts_triangles_at_the_near_plane(fy_over_fx: float) -> None:
     np.testing.assert_allclose(seen.uv[hit], points[hit, :2], atol=1e-6)
 
 
+# Columns of holes, as shares of a wall's width.
+HOLES = (0.12, 0.4), (0.37, 0.63), (0.6, 0.88)
+
+
+def test_walls_are_open_where_they_have_a_hole_and_closed_elsewhere() -> None:
+    for walls, (top, bottom) in ((DOORWAYS, (0.2, 1.0)), (NICHES, (0.3, 0.62))):
+        for wall, (left, right) in zip(walls, HOLES, strict=True):
+            corners = wall.positions[wall.triangles].astype(float)
+            x, y, _ = corners.mean(axis=1).T
+            assert not ((left < x) & (x < right) & (top < y) & (y < bottom)).any()
+            areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] / 2
+            assert areas.min() > 0
+            assert areas.sum() == pytest.approx(1 - (right - left) * (bottom - top), rel=1e-5)
+
+
 @pytest.mark.parametrize("hole", ["doorway", "niche"])
 def test_what_hangs_on_a_wall_meets_neither_its_hole_nor_its_ends_nor_each_other(hole: str) -> None:
-    hung, columns = 0, ((0.12, 0.4), (0.37, 0.63), (0.6, 0.88))
+    hung = 0
     keys = dict.fromkeys(("furniture", "small", "curtain", "pillars", "rug", "doorway", "niche"), 0) | {hole: 1}
     for seed in range(8):
         things = arranged("room", seed, pictures=60, **keys)
@@ -238,7 +253,7 @@ def test_what_hangs_on_a_wall_meets_neither_its_hole_nor_its_ends_nor_each_other
             if wall not in (*DOORWAYS, *NICHES):
                 continue
             top, bottom = (0.2, 1.0) if wall in DOORWAYS else (0.3, 0.62)
-            left, right = columns[(DOORWAYS if wall in DOORWAYS else NICHES).index(wall)]
+            left, right = HOLES[(DOORWAYS if wall in DOORWAYS else NICHES).index(wall)]
             boxes = [(np.array([left, top]), np.array([right, bottom]))]
             for mesh, pose in placed:
                 points = np.c_[mesh.positions, np.ones(len(mesh.positions))] @ (np.linalg.inv(wall_pose) @ pose).T
