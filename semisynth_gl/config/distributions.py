@@ -55,16 +55,15 @@ class GammaTarget(Section):
         """Integrate the distribution over bins of equal width with edges (K + 1,).
 
         Its density is x^(k - 1) exp(-x / theta), with x and the mean counted from the origin, k = (mean / spread)^2 and
-        theta = spread^2 / mean. If all bins lie below the origin, the last bin gets all pixels.
+        theta = spread^2 / mean.
         """
         mean_px = self.mean_px - self.origin_px
         shape, scale = (mean_px / self.spread_px) ** 2, self.spread_px**2 / mean_px
         width = np.diff(edges_px) / _POINTS
         at = edges_px[:-1, None] + (np.arange(_POINTS) + 0.5) * width[:, None] - self.origin_px
-        if at[-1, -1] <= 0:
-            return Histogram.from_counts(edges_px, np.arange(1 - len(width), 1) == 0)
         after = np.maximum(at, np.finfo(np.float64).tiny)
-        logarithm = np.where(at > 0, (shape - 1) * np.log(after) - after / scale, -np.inf)
+        # Points before the origin have a density of 0. If all points are there, bins have equal shares.
+        logarithm = np.where(at > 0, (shape - 1) * np.log(after) - after / scale, -1e300)
         # The largest density may be far from 1, so it is scaled to 1.
         return Histogram.from_counts(edges_px, np.exp(logarithm - logarithm.max()).sum(axis=1))
 

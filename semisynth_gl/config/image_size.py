@@ -10,8 +10,8 @@ from semisynth_gl.config.fields import Range, is_number, written_range
 from semisynth_gl.config.layers import Values
 from semisynth_gl.config.model import Config
 
-# The sections whose keys ending in _px are in pixels of an image; other sections state pixels of patches.
-_OF_IMAGES = ("camera", "disparity", "background", "structures", "particles", "rig", "lens", "imperfections")
+# In these sections, keys that end in _px are in pixels of a pattern or a patch; elsewhere, of an image.
+_OF_PICTURES = ("projector", "textures")
 _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px", "raw_width_px", "raw_height_px")
 _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height_px"}
@@ -50,7 +50,7 @@ def scaled(values: Values, factor: float) -> Values:
     def at_scale(section: str, key: str, value: float) -> float:
         if key == _TEXELS:
             return value / factor
-        if section not in _OF_IMAGES or not key.endswith("_px"):
+        if section in _OF_PICTURES or not key.endswith("_px"):
             return value
         if key in _SIDES:
             return max(round(value * factor), 1)
@@ -59,12 +59,11 @@ def scaled(values: Values, factor: float) -> Values:
         return (value + border) * factor - border
 
     full = dict(values)
-    for name in (*_OF_IMAGES, "textures"):
-        fields = getattr(Config.model_fields[name].annotation, "model_fields", {})
+    for name, section in Config.model_fields.items():
+        fields = getattr(section.annotation, "model_fields", {})
         ranges = {key: field.default for key, field in fields.items() if isinstance(field.default, Range)}
         stated = {key: written_range(each) for key, each in ranges.items() if key.endswith("_px") or key == _TEXELS}
-        given = values.get(name, {})
-        if isinstance(given, dict) and stated:
+        if stated and isinstance(given := values.get(name, {}), dict):
             full[name] = stated | given
     return _changed(full, at_scale)
 

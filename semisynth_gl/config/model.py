@@ -292,12 +292,14 @@ class Config(Section):
         used: dict[Key, tuple[Group, str]] = {}
         if self.textures.source not in TEXTURE_SOURCES:
             used["textures", "source"] = ("textures", self.textures.source)
-        recipes = [(("scenes", number), section) for number, section in enumerate(self.scenes)]
-        used |= {(*at, "extends"): ("recipes", each.extends) for at, each in recipes if each.extends is not None}
-        configs: list[tuple[Key, Config]] = [((), self), *((at, each.config) for at, each in recipes)]
+        configs: list[tuple[Key, Config]] = [((), self)]
+        for number, recipe in enumerate(self.scenes):
+            configs.append((("scenes", number), recipe.config))
+            if recipe.extends is not None:
+                used["scenes", number, "extends"] = ("recipes", recipe.extends)
         for at, config in configs:
-            for name in (name for name, weight in config.models.families.items() if weight > 0):
-                if ("models", name) not in used.values():
+            for name, weight in config.models.families.items():
+                if weight > 0 and ("models", name) not in used.values():
                     used[*at, "models", "families", name] = ("models", name)
         return used
 

@@ -203,19 +203,13 @@ class LensSection(Section):
     def sample(self, eye: Eye, rng: np.random.Generator) -> RawCamera:
         """Sample one eye's camera: every range once, always in the same order."""
         values: RawEyeSection = getattr(self, eye)
-
-        def sample(key: Range | None, default: float) -> float:
-            return (key or Range(default, default)).sample(rng)
-
-        size = self.raw_width_px, self.raw_height_px
-        fx_px = values.fx_px.sample(rng)
-        fy_px = sample(values.fy_px, fx_px)
-        cx_px, cy_px = (
-            sample(key, (side - 1) / 2) for key, side in zip((values.cx_px, values.cy_px), size, strict=True)
-        )
+        width_px, height_px, fx_px = self.raw_width_px, self.raw_height_px, values.fx_px.sample(rng)
+        defaults = (values.fy_px, fx_px), (values.cx_px, (width_px - 1) / 2), (values.cy_px, (height_px - 1) / 2)
+        fy_px, cx_px, cy_px = ((stated or Range(default, default)).sample(rng) for stated, default in defaults)
         distortion = tuple(each.sample(rng) for each in values.distortion)
         x, y, z = (radians(each.sample(rng)) for each in values.rotation_deg)
-        return RawCamera(*size, fx_px, fy_px, cx_px, cy_px, self.model, distortion, rotation_of((x, y, z)))
+        rotation = rotation_of((x, y, z))
+        return RawCamera(width_px, height_px, fx_px, fy_px, cx_px, cy_px, self.model, distortion, rotation)
 
 
 class ProjectorSection(Section):

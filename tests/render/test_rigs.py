@@ -294,7 +294,7 @@ BAD = [
     (True, {"disparity.min_px": -10}, "disparity.min_px goes down to -10 px: .* doffs = 10 px"),
     (True, {"camera.doffs_px": [3, 10]}, "disparity.min_px goes down to -7 px: .* doffs = 3 px"),
     (True, {"background.plane_disparity_px": [-12, -5]}, "background.plane_disparity_px goes down to -12 px"),
-    (True, {"disparity.target": {"form": "uniform", "low_px": -30}}, "of the pixels below and 0.0% above"),
+    (True, {"disparity.target": {"form": "uniform", "low_px": -30}}, "of the pixels below disparity.min_px"),
 ]
 
 
