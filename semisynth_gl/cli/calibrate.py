@@ -92,10 +92,7 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     help="stereoRectify's alpha, for a calibration that lacks P1 and P2: 0 leaves no borders, 1 keeps as much of the "
     "raw images as possible; by default stereoRectify's, with a view of at most 100 degrees for a fisheye.",
 )
-@map_options(
-    "to measure the histogram",
-    "Disparities of a map that is not as wide as the rig's images are scaled by the ratio of the widths. ",
-)
+@map_options
 @option(
     "--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Smallest and largest disparity in pixels, without --disparity."
 )

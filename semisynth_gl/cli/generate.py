@@ -42,8 +42,7 @@ _STOPPED = 2
 def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | None:
     if text is None:
         return None
-    parts = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", text)
-    if parts is None:
+    if not (parts := re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", text)):
         raise click.BadParameter(f"expected one number, or two such as 100-199, got {text!r}")
     return range(int(parts[1]), int(parts[2] or parts[1]) + 1)
 

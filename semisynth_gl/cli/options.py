@@ -104,25 +104,21 @@ backend_option = partial(
 )
 
 
-def map_options(use: str, note: str = "") -> Callable[[Callback], Callback]:
-    """Return a decorator that adds --disparity and --png-scale, for the parameters ``disparity`` and ``png_scale``.
-
-    In the help, ``use`` follows "Disparity maps", and ``note`` is a further sentence that ends in a space.
-    """
-    return options(
-        option(
-            "--disparity",
-            multiple=True,
-            metavar="PATH_OR_GLOB",
-            help=f"Disparity maps {use}, true or predicted: .pfm, .npy, 16-bit .png. {note}May be repeated.",
-        ),
-        option(
-            "--png-scale",
-            type=above_0(0xFFFF),
-            default=KITTI_DISPARITY.steps,
-            help="Levels of a 16-bit PNG for a disparity of one pixel.",
-        ),
-    )
+map_options = options(
+    option(
+        "--disparity",
+        multiple=True,
+        metavar="PATH_OR_GLOB",
+        help="Disparity maps of the place, true or predicted: .pfm, .npy, 16-bit .png. Of a map that is not as wide as "
+        "the images, disparities are scaled by the ratio of the widths. May be repeated.",
+    ),
+    option(
+        "--png-scale",
+        type=above_0(0xFFFF),
+        default=KITTI_DISPARITY.steps,
+        help="Levels of a 16-bit PNG for a disparity of one pixel.",
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True)

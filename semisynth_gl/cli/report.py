@@ -19,7 +19,7 @@ from semisynth_gl.inputs.errors import counted
     help="Photographs of the place that the dataset is made for, to compare it with: a file, folder or glob. May be "
     "repeated.",
 )
-@map_options("of the place")
+@map_options
 @option(
     "--out",
     type=OutputFile(".html", ".htm"),
