@@ -93,7 +93,7 @@ class RecipeSection(Section):
 
     @model_serializer(mode="wrap")
     def _as_written(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        head = serialise(self)
+        head: dict[str, Any] = serialise(self)
         values: dict[str, Any] = _picked(head.pop("config"), head.pop("given"))
         return values | head
 
@@ -194,7 +194,7 @@ class Config(Section):
 
     def _disparity_rules(self) -> Iterator[Rule]:
         disparity, doffs_px = self.disparity, self.camera.all_doffs_px
-        others = "camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px"
+        others: tuple[str, ...] = ("camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px")
         least = 0.0 - doffs_px.low if disparity.signed else 0.0
         why = f"which is infinitely far away where the principal points differ by doffs = {doffs_px.low:g} px"
         if not disparity.signed:
