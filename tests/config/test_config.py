@@ -171,6 +171,10 @@ PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
         ("kitti", ["disparity.max_px=40", "scenes=[]"],
          rf"disparity.max_px: disparity.target wants 5.1% .* above max_px: .* \(with disparity.target of {PACKAGED}"),
         ("kitti", ["disparity.target={form: uniform, low_px: -99, high_px: 50}"], "disparity.target: .* pixels below"),
+        ("kitti", ["background={plane: 1, street: 0, plane_disparity_px: 0}", "scenes=[]"],
+         "background.plane_disparity_px: .* goes down to 0 px"),
+        # Once, not for each recipe.
+        ("kitti", ["camera=null", "scenes=[{recipe: a, camera: {baseline_m: 1}}]"], "camera: .*, got None$"),
         # A recipe of the packaged config.
         ("middlebury", ["disparity.target={form: uniform, high_px: 99}", "disparity.max_px=100"],
          rf"disparity.max_px: structures.* \(with scenes.1.structures.ground_disparity_px of {PACKAGED}\)"),

@@ -18,6 +18,7 @@ particles:
   layers: [{disparity_px: [5, 50], count: 3, size_px: [20, 60]}]
   clutter: [{disparity_px: 6, count: 9}]
 imperfections: {blur_px: [0, 1]}
+projector: {power: 1, size_px: 4, pattern_width_px: 640}
 disparity:
   max_px: 100
   target:
