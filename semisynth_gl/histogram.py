@@ -1,6 +1,5 @@
 """Distributions of disparity over pixels, and distances between two of them."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self
 
@@ -101,11 +100,3 @@ def wasserstein_px(first: Histogram, second: Histogram) -> float:
     with np.errstate(invalid="ignore", divide="ignore"):
         triangles = (begin**2 + end**2) / (2 * total)
     return float((np.where(begin * end < 0, triangles, total / 2) * width).sum())
-
-
-def mix_histograms(parts: Iterable[tuple[float, Histogram]], edges_px: ArrayLike) -> Histogram:
-    """Mix histograms, given with their weights of any sum, in bins with edges ``edges_px``, (K + 1,) rising.
-
-    Raises ValueError where there are no weights above 0.
-    """
-    return Histogram.from_counts(edges_px, sum(weight * part.rebinned(edges_px).shares for weight, part in parts))

@@ -8,7 +8,7 @@ import numpy as np
 from semisynth_gl.config import Config
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
-from semisynth_gl.histogram import Histogram, mix_histograms
+from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Ints
 from semisynth_gl.scene.depth_layers import merge_bins
@@ -77,7 +77,8 @@ class MixSampler:
         parts = [(recipe.share, recipe.config.across_baselines(_expected(sampler))) for recipe, sampler in both]
         if len(parts) == 1:
             return parts[0][1]
-        return mix_histograms(parts, merge_bins(self._config.shown_histogram()).edges_px)
+        edges_px = merge_bins(self._config.shown_histogram()).edges_px
+        return Histogram.from_counts(edges_px, sum(share * part.rebinned(edges_px).shares for share, part in parts))
 
     def overview(self, pairs: int) -> list[int]:
         """Return the numbers of some ``pairs``, at least 1, that show as many recipes as possible, in ascending order.
