@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from semisynth_gl.calibration.draft import Draft
-from semisynth_gl.calibration.recipes import suitable_recipes, untried_style
+from semisynth_gl.calibration.draft import describe
 from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import rotation_of
 
@@ -109,6 +109,6 @@ def plain_rig(focal_px, baseline_m, width_px, height_px):
     return Rig(StereoCamera.centred(width_px, height_px, focal_px, baseline_m), "x")
 
 
-def facts(rig, disparity):
-    """What a config is drafted from, with one photograph."""
-    return Draft("x", rig, disparity, ["a"], 256, untried_style(suitable_recipes(rig, disparity)))
+def draft(rig, disparity):
+    """The draft of a config with one photograph."""
+    return describe("x", rig, ["a"], disparity, [Size(256, 256)])

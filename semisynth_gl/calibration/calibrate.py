@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from semisynth_gl.calibration.disparity_range import disparity_range
 from semisynth_gl.calibration.draft import Draft, describe
@@ -109,25 +110,11 @@ def calibrate(
     given = [argument for argument, value in ranges.items() if value is not None]
     if len(given) > 1:
         raise InputError("expected only one of disparity maps, a range in px and a range in m", argument=given[-1])
-    _check_about_files(files, unit=unit, calib_keys=calib_keys or None, cameras=cameras, alpha=alpha)
     photographs = find_images(sources)
     sizes = photograph_sizes(photographs)
     of_rig = [] if other_camera else sizes
-    if files:
-        if focal_px is not None or baseline_m is not None:
-            text = "the calibration states it: leave it out"
-            raise InputError(text, argument="baseline_m" if focal_px is None else "focal_px")
-        usual = most_common_size(of_rig)
-        photographed = usual and usual.scaled(1 / scale)
-        rig = read_rig(
-            files, size=wanted, photographed=photographed, unit=unit, alpha=alpha, cameras=cameras, keys=calib_keys
-        )
-    elif focal_px is not None and baseline_m is not None and wanted is not None:
-        camera = StereoCamera.centred(*wanted, focal_px, baseline_m)
-        rig = Rig(camera, "the focal length, baseline and size given")
-    else:
-        missing = "focal_px" if focal_px is None else "baseline_m" if baseline_m is None else "size"
-        raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing)
+    about_files = {"unit": unit, "calib_keys": calib_keys or None, "cameras": cameras, "alpha": alpha}
+    rig = _rig(files, focal_px, baseline_m, wanted, most_common_size(of_rig, scale), about_files)
     check_sizes(of_rig, rig.size, scale)
     rig, notes = rig.scaled(scale), [*rig.notes]
     maps = map_files(names_of(disparity))
@@ -142,7 +129,9 @@ def calibrate(
     draft = describe(name, rig, sources, disparities, sizes, overrides)
     # Keys and photographs that cannot be used are reported before the trials; the dataset's patches are cached.
     atlas = prepare_atlas(draft.config().textures, Split(0))
-    draft = replace(draft, grey=bool((atlas.layers[..., :3] == atlas.layers[..., :1]).all()))
+    grey = bool((atlas.layers[..., :3] == atlas.layers[..., :1]).all())
+    if grey:
+        draft.sections["camera"]["colour"] = "grey"
     notes += [f"not usable: {skipped}" for skipped in atlas.report.images_skipped]
     if trials:
         place = measure_place(photographs, maps, working_width(rig.size.width_px), png_scale)
@@ -151,23 +140,38 @@ def calibrate(
 
         draft = fit(draft, place.values, trials, listener or Listener())
     patches = counted(atlas.report.total("kept"), "patch")
-    source = f"{len(photographs)}{', all grey' * draft.grey}, which give {patches}"
+    source = f"{len(photographs)}{', all grey' * grey}, which give {patches}"
     config = draft.config()
     return Calibration(config, draft.text(), _summary(draft, config, source), notes)
 
 
-def _check_about_files(files: Sequence[str], **about: object) -> None:
-    for argument, value in about.items():
-        if value is not None and not files:
-            raise InputError("it is about calibration files: give these, or leave it out", argument=argument)
+def _rig(
+    files: Sequence[str],
+    focal_px: float | None,
+    baseline_m: float | None,
+    size: Size | None,
+    photographed: Size | None,
+    about_files: Mapping[str, Any],
+) -> Rig:
+    """Return the rig that calibration files describe, or numbers."""
+    for argument, value in ({"focal_px": focal_px, "baseline_m": baseline_m} if files else about_files).items():
+        if value is not None:
+            why = "the calibration states it:" if files else "it is about calibration files: give these, or"
+            raise InputError(f"{why} leave it out", argument=argument)
+    if files:
+        return read_rig(files, size=size, photographed=photographed, **about_files)
+    if focal_px is None or baseline_m is None or size is None:
+        missing = "focal_px" if focal_px is None else "baseline_m" if baseline_m is None else "size"
+        raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing)
+    return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")
 
 
 def _summary(draft: Draft, config: Config, photographs: str) -> list[str]:
     """Return lines about the disparities, photographs, scenes and textures of the config, overrides included."""
-    disparity, style = config.disparity, draft.style
+    disparity = config.disparity
     totals_px = (px + draft.rig.camera.doffs_px for px in (disparity.max_px, disparity.min_px))
     near_m, far_m = (draft.rig.camera.focal_baseline / px if px > 0 else math.inf for px in totals_px)
-    mix = (f"{weight:.0%} {recipe['recipe']}" for weight, recipe in zip(style.weights, style.recipes, strict=True))
+    mix = (f"{scene['weight']:.0%} {scene['recipe']}" for scene in draft.sections["scenes"])
     texels, blur_px = config.textures.texels_per_pixel, config.imperfections.blur_px.high
     mean_px = config.wanted_histogram().mean_px
     return [

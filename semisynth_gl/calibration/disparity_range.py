@@ -42,11 +42,6 @@ class DisparityRange:
     bin_px: float
     target: Histogram
 
-    @property
-    def signed(self) -> bool:
-        """Whether the range includes disparities of 0 or below."""
-        return self.min_px <= 0
-
 
 def disparity_range(
     rig: Rig,

@@ -13,7 +13,7 @@ from ruamel.yaml.comments import CommentedSeq
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
-from semisynth_gl.calibration.recipes import Style, is_outdoors, suitable_recipes, untried_style
+from semisynth_gl.calibration.recipes import is_outdoors, suitable_recipes
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.config import Config
@@ -23,6 +23,9 @@ from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.raw_camera import RawCamera, vector_of
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import printable
+
+TEXELS = ((0.8, 1.5), (0.4, 0.75))
+"""Tried values of textures.texels_per_pixel; without trials, the first."""
 
 # Largest side of large patches, px. Two dozen patches of this side take 100 MB.
 _LARGEST_SIDE = 1024
@@ -43,78 +46,36 @@ class Draft:
     """What a config is written from.
 
     Attributes:
-        name: the config's name.
         rig: the rig.
         disparity: range and wanted histogram of disparity.
-        images: the user's sources of photographs, as absolute paths.
-        large_px: side of large patches.
-        style: the mix of recipes and the look of surfaces.
-        grey: whether all photographs are grey.
+        sections: the config's values in the YAML's order, before the user's overrides; None for keys to leave out. The
+            last of the ``scenes`` is clutter.
         overrides: keys that the user sets, as `load_config` takes them.
     """
 
-    name: str
     rig: Rig
     disparity: DisparityRange
-    images: Sequence[str]
-    large_px: int
-    style: Style
-    grey: bool = False
+    sections: dict[str, Any]
     overrides: Overrides = ()
 
     def config(self) -> Config:
         """Return the config; raises InputError where its numbers make no valid one."""
-        return parse_values(self.values(), f"{self.name}.yaml", self.overrides)
+        return parse_values(self.values(), f"{self.sections['name']}.yaml", self.overrides)
 
     def values(self) -> dict[str, Any]:
-        """Return the config's values before the user's overrides: sections and keys in the YAML's order."""
-        disparity, camera = self.disparity, self.rig.camera
-        smallest, largest = (round(part * camera.width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
-        values = {
-            "name": self.name,
-            "camera": {
-                **{key: getattr(camera, key) for key in _CAMERA_KEYS},
-                "fy_over_fx": camera.fy_over_fx if abs(camera.fy_over_fx - 1) > _SQUARE else None,
-                "colour": "grey" if self.grey else None,
-            },
-            "lens": _lens(self.rig.raw) if self.rig.raw else None,
-            "outputs": ["visibility", "valid"] if self.rig.raw else None,
-            "disparity": {
-                "signed": disparity.signed or None,
-                "min_px": disparity.min_px,
-                "max_px": disparity.max_px,
-                "target": {
-                    "form": "histogram",
-                    "bin_px": disparity.bin_px,
-                    "first_px": float(disparity.target.edges_px[0]),
-                    "shares": [round(float(share), 4) for share in disparity.target.shares],
-                },
-            },
-            "background": _background(self.rig, disparity),
-            "particles": {"size_px": (max(smallest, 1), max(largest, 2))},
-            "scenes": [
-                {"recipe": recipe["recipe"], "weight": weight, **recipe}
-                for recipe, weight in zip(self.style.recipes, self.style.weights, strict=True)
-            ],
-            "textures": {
-                "texels_per_pixel": self.style.texels_per_pixel,
-                "large_px": self.large_px,
-                "source": "images",
-                "images": list(self.images),
-            },
-            "imperfections": {"blur_px": self.style.blur_px},
-        }
-        made: dict[str, Any] = _rounded(values)
-        return made
+        """Return the sections as they are written, with rounded numbers."""
+        values: dict[str, Any] = _rounded(self.sections)
+        return values
 
     def text(self) -> str:
         """Return the config as YAML, below a comment on the calibration."""
         yaml, text = YAML(), StringIO()
         yaml.width = sys.maxsize
         yaml.indent(mapping=2, sequence=4, offset=2)
-        text.write(f"# {self.name}: written by semisynth-gl calibrate from {printable(self.rig.source)}.\n")
-        for name, section in overridden(self.values(), self.overrides).items():
-            yaml.dump({name: section}, text)
+        name, source = self.sections["name"], printable(self.rig.source)
+        text.write(f"# {name}: written by semisynth-gl calibrate from {source}.\n")
+        for section, values in overridden(self.values(), self.overrides).items():
+            yaml.dump({section: values}, text)
             text.write("\n")
         return text.getvalue().rstrip("\n") + "\n"
 
@@ -127,21 +88,49 @@ def describe(
     photographed: Sequence[Size],
     overrides: Overrides = (),
 ) -> Draft:
-    """Describe a config without trials.
+    """Describe a config without trials: recipes of equal weights, and textures as in the packaged configs.
 
     Of ``name``, runs of characters other than ASCII letters and digits become one hyphen in the config's name.
     ``images`` are files, folders and globs with photographs of the sizes ``photographed``.
     """
+    camera, recipes = rig.camera, suitable_recipes(rig, disparity)
     sides = sorted(map(min, photographed)) or [0]
-    return Draft(
-        re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-") or "calibrated",
-        rig,
-        disparity,
-        [str(expanded(path).absolute()) for path in images],
-        max(min(sides[len(sides) // 2], rig.camera.width_px, _LARGEST_SIDE), TexturesSection().patch_px),
-        untried_style(suitable_recipes(rig, disparity)),
-        overrides=overrides,
-    )
+    sections = {
+        "name": re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-") or "calibrated",
+        "camera": {
+            **{key: getattr(camera, key) for key in _CAMERA_KEYS},
+            "fy_over_fx": camera.fy_over_fx if abs(camera.fy_over_fx - 1) > _SQUARE else None,
+        },
+        "lens": _lens(rig.raw) if rig.raw else None,
+        "outputs": ["visibility", "valid"] if rig.raw else None,
+        "disparity": {
+            "signed": disparity.min_px <= 0 or None,
+            "min_px": disparity.min_px,
+            "max_px": disparity.max_px,
+            "target": {
+                "form": "histogram",
+                "bin_px": disparity.bin_px,
+                "first_px": float(disparity.target.edges_px[0]),
+                "shares": [round(float(share), 4) for share in disparity.target.shares],
+            },
+        },
+        "background": _background(rig, disparity),
+        "particles": {
+            "size_px": (
+                max(round(_SMALLEST_OF_WIDTH * camera.width_px), 1),
+                max(round(_LARGEST_OF_WIDTH * camera.width_px), 2),
+            )
+        },
+        "scenes": [{"recipe": recipe["recipe"], "weight": 1 / len(recipes), **recipe} for recipe in recipes],
+        "textures": {
+            "texels_per_pixel": TEXELS[0],
+            "large_px": max(min(sides[len(sides) // 2], camera.width_px, _LARGEST_SIDE), TexturesSection().patch_px),
+            "source": "images",
+            "images": [str(expanded(path).absolute()) for path in images],
+        },
+        "imperfections": {"blur_px": 0.0},
+    }
+    return Draft(rig, disparity, sections, overrides)
 
 
 def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:
@@ -165,7 +154,7 @@ def _background(rig: Rig, disparity: DisparityRange) -> dict[str, Any]:
     """
     min_px, doffs_px = disparity.min_px, rig.camera.doffs_px
     if is_outdoors(rig, disparity):
-        farthest = -doffs_px if disparity.signed else max(0.0, -doffs_px)
+        farthest = -doffs_px if min_px <= 0 else max(0.0, -doffs_px)
         ends = tuple(farthest + float(f"{part * (min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
         return {"cuboid": 0, "plane": 1, "plane_disparity_px": ends}
     deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - min_px:.2g}")

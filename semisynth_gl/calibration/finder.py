@@ -5,8 +5,7 @@ with a translation. Names tell the eye, and which of several arrays of a kind is
 """
 
 import re
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from semisynth_gl.calibration.kinds import COEFFICIENT_WORDS, by_columns, camera
 from semisynth_gl.calibration.lenses import checked_coefficients, model_of
 from semisynth_gl.calibration.names import Entry, label_of, words_of
 from semisynth_gl.calibration.poses import Link, link_of, pose_of, right_from_left
-from semisynth_gl.calibration.rig import Pair, StereoArrays
 from semisynth_gl.calibration.sizes import Size, upright
 from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
 from semisynth_gl.frame.raw_camera import LensModel
@@ -37,164 +35,179 @@ _FALSE = {"", "false", "no", "off", "none", "0.0", "[0.]"}
 # Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
 _WIDE = 2.4
 
-
-class Given(NamedTuple):
-    """What a user says of a calibration: two of several cameras, the unit of lengths and the size of images."""
-
-    cameras: tuple[str, str] | None
-    unit: str | None
-    size: Size | None
+Pair = tuple[Array, Array]
+"""An array of the left eye, and one of the right eye."""
 
 
-class Finder:
-    """The arrays of a rig in one tree."""
+class StereoArrays:
+    """What a tree of values says of a rig, by OpenCV's names; None for what it does not say.
 
-    def __init__(self, tree: Tree, given: Given) -> None:
-        cameras, self.unit, self.user_size = given
+    Args:
+        tree: values by name.
+        source: name of the file or files, for messages.
+        cameras: the left and the right camera of a tree of several.
+        unit: the unit of lengths, a key of `UNITS`; None for the likeliest.
+        size: the size of the images where the tree does not state it.
+
+    Attributes:
+        size: the stated size of the images.
+        k: camera matrices (3, 3) before rectification.
+        d: coefficients (N,) of both lenses in OpenCV's order.
+        model: their model.
+        pose: R and T as one pose (4, 4), right_from_left, metres.
+        rectification: R1 and R2, rectified_from_raw of both eyes, (3, 3).
+        p: projection matrices (3, 4) of the rectified images, the last column in pixels times metres.
+        notes: sentences on what was concluded and not read.
+
+    Raises:
+        FormatError: where there are more than two cameras, or what is there contradicts itself.
+    """
+
+    d: Pair | None = None
+    model: LensModel | None = None
+
+    def __init__(
+        self, tree: Tree, source: str, cameras: tuple[str, str] | None, unit: str | None, size: Size | None
+    ) -> None:
+        self.source = source
         self.notes: list[str] = []
-        self.cameras = cameras and (label_of(cameras[:1]) or cameras[0], label_of(cameras[1:]) or cameras[1])
-        arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
-        entries = [*with_parts(by_columns(arrays))]
+        self._unit = unit
+        self._cameras = cameras and (label_of(cameras[:1]) or cameras[0], label_of(cameras[1:]) or cameras[1])
+        entries = [*with_parts(_entries(tree))]
         kinds = [(entry, *found) for entry in entries if (found := kind_of(entry)) is not None]
-        self.links = [link_of(entry.name, pose, self.cameras) for entry, kind, pose in kinds if kind == "pose"]
-        self.entries = [entry for entry in entries if self._is_of_rig(entry.name)]
-        self.texts = {name: value for name, value in tree.items() if self._is_of_rig(name)}
-        self.found: dict[str, list[Entry]] = {}
+        self._links = [link_of(entry.name, pose, self._cameras) for entry, kind, pose in kinds if kind == "pose"]
+        self._entries = [entry for entry in entries if self._is_of_rig(entry.name)]
+        self._texts = {name: value for name, value in tree.items() if self._is_of_rig(name)}
+        self._found: dict[str, list[Entry]] = {}
         for entry, kind, array in sorted(kinds, key=_unlikeliness):
             if self._is_of_rig(entry.name):
-                self.found.setdefault(kind, []).append(Entry(entry.name, array))
-
-    def arrays(self) -> StereoArrays | None:
-        """Return the arrays that the tree has of a rig; None where they make no rig.
-
-        Raises:
-            FormatError: where there are more than two cameras, or what is there contradicts itself.
-        """
-        k, p, rectification = (self._eyes(key) for key in "KPR")
-        size, raw_size = self._sizes(k, p)
-        p = p or self._right_alone()
-        pose = self._stereo_pose(lone=p is None)
-        if p is None and pose is None:
-            p, k = self._rectified(k, rectification)
-        if p is None and (k is None or pose is None):
+                self._found.setdefault(kind, []).append(Entry(entry.name, array))
+        self.k, self.p, self.rectification = (self._eyes(key) for key in "KPR")
+        self.size, raw_size = self._sizes()
+        self.p = self.p or self._right_alone()
+        self.pose = self._stereo_pose()
+        if self.p is None and self.pose is None:
+            self._project_rectified()
+        if not self.is_rig:
             self._model()  # a lens of another model may be why nothing was found
-            return None
-        if k is not None and k[0] is k[1] and pose is not None:
+            return
+        if self.k is not None and self.k[0] is self.k[1] and self.pose is not None:
             self.notes.append("one K was taken for both cameras")
-        pose, p = self._in_metres(pose, p)
-        d = model = None
-        if k is not None:
-            try:
-                d, model = self._lenses(k, size or self.user_size, raw_size)
-            except FormatError as error:
-                if p is None:
-                    raise
-                self.notes.append(f"the lenses were left out: {error}")
-        return StereoArrays(size, k, d, model, pose, rectification, p, tuple(self.notes))
+        self._to_metres()
+        try:
+            self._find_lenses(self.size or size, raw_size)
+        except FormatError as error:
+            if self.p is None:
+                raise
+            self.notes.append(f"the lenses were left out: {error}")
+
+    @property
+    def is_rig(self) -> bool:
+        """Whether the arrays are enough for a rig."""
+        return self.p is not None or (self.k is not None and self.pose is not None)
 
     def _is_of_rig(self, name: tuple[str, ...]) -> bool:
-        return self.cameras is None or label_of(name, self.cameras, rotation=True) in {"", *self.cameras}
+        return self._cameras is None or label_of(name, self._cameras, rotation=True) in {"", *self._cameras}
 
     # --- arrays of both eyes ---
 
     def _of(self, key: str, *, raw: bool = False) -> dict[str, Entry]:
         """Return the arrays of a kind by eye or number of the camera; if ``raw``, none of rectified cameras."""
-        found = [each for each in reversed(self.found.get(key, [])) if not (raw and each.has("rect"))]
-        return {label_of(each.name, self.cameras, rotation=key == "R"): each for each in found}
+        found = [each for each in reversed(self._found.get(key, [])) if not (raw and each.has("rect"))]
+        return {label_of(each.name, self._cameras, rotation=key == "R"): each for each in found}
 
     def _eyes(self, key: str) -> Pair | None:
         """Return two arrays of a kind, left and right; None if the tree lacks either. The only K or D is of both."""
         found = self._of(key)
         numbered = sorted((label for label in found if label.isdigit()), key=int)
-        left, right = self.cameras or ("left", "right")
-        if self.cameras is None and len(numbered) > 1 and not {"left", "right"} <= found.keys():
+        left, right = self._cameras or ("left", "right")
+        if self._cameras is None and len(numbered) > 1 and not {"left", "right"} <= found.keys():
             if len(numbered) > 2 and key in "KP":
                 labels = ", ".join(numbered)
                 raise FormatError(f"has {len(numbered)} cameras ({labels}): choose two, --pair LEFT,RIGHT or cameras")
             left, right = numbered[:2]
         if key in "KD" and found.keys() == {""}:
-            others = (each.value for each in self.found[key] if not each.has(_DERIVED))
+            others = (each.value for each in self._found[key] if not each.has(_DERIVED))
             if all(np.array_equal(each, found[""].value) for each in others):
                 left = right = ""
         return (found[left].value, found[right].value) if {left, right} <= found.keys() else None
 
     # --- how the cameras stand ---
 
-    def _stereo_pose(self, *, lone: bool) -> Array | None:
-        """Find R and T as one pose (4, 4), right_from_left, in the file's unit; None without both.
-
-        ``lone``: a single pose that names no frames may lead from one eye to the other.
-        """
+    def _stereo_pose(self) -> Array | None:
+        """Find R and T as one pose (4, 4), right_from_left, in the file's unit; None without both."""
         turned, moved = self._of("R", raw=True), self._of("T")
         if len(turned) == len(moved) == 1:  # "rotation (R)" is no eye
             turned = dict.fromkeys(moved, *turned.values())
         pairs = {each: pose_of(turned[each].value, moved[each].value) for each in moved if each in turned}
-        links = {each: link_of(moved[each].name, pose, self.cameras) for each, pose in pairs.items()}
+        links = {each: link_of(moved[each].name, pose, self._cameras) for each, pose in pairs.items()}
         if "" in links and not links[""].sure:
             return pairs[""]
-        all_links = [*self.links, *(links.values() if len(links) > 1 or "" in links else ())]
-        found = right_from_left(all_links, self.cameras)
-        if found is None and lone and [each.sure for each in all_links] == [False]:
+        all_links = [*self._links, *(links.values() if len(links) > 1 or "" in links else ())]
+        found = right_from_left(all_links, self._cameras)
+        # Without P, a single pose that names no frames leads from one eye to the other.
+        if found is None and self.p is None and [each.sure for each in all_links] == [False]:
             found = right_from_left([Link("right", "left", all_links[0].pose, sure=False)], ("left", "right"))
         # Calibrations of one camera against the other keep R and T beside the second camera.
         return next(iter(pairs.values())) if found is None and len(pairs) == 1 else found
 
-    def _in_metres(self, pose: Array | None, p: Pair | None) -> tuple[Array | None, Pair | None]:
-        """Return R and T, and the projections, in metres; where their baselines differ, the translation's counts.
+    def _to_metres(self) -> None:
+        """Bring pose and projections to metres; where their baselines differ, the translation's counts.
 
         DrivingStereo's small images have projections of twice the baseline.
         """
-        baseline = 0.0 if p is None else abs(float(p[0][0, 3] / p[0][0, 0] - p[1][0, 3] / p[1][0, 0]))
-        shift = 0.0 if pose is None else float(np.linalg.norm(pose[:3, 3]))
+        baseline = 0.0 if self.p is None else abs(float(np.subtract(*(each[0, 3] / each[0, 0] for each in self.p))))
+        shift = 0.0 if self.pose is None else float(np.linalg.norm(self.pose[:3, 3]))
         length = shift if shift > _NO_SHIFT_M else baseline
-        unit = self.unit or ("m" if length <= _LARGEST_M else "cm" if length <= _BETWEEN_CM_AND_MM else "mm")
+        unit = self._unit or ("m" if length <= _LARGEST_M else "cm" if length <= _BETWEEN_CM_AND_MM else "mm")
         length_m = length * UNITS[unit]
         unit_of_p = min(UNITS.values(), key=lambda each: abs(baseline * each - length_m))
         if length and baseline and abs(baseline * unit_of_p / length_m - 1) > _SAME_BASELINE:
             self.notes.append(f"the cameras are {baseline:.6g} apart by P, and {length:.6g} by T, which was taken")
             unit_of_p = length_m / baseline
-        if self.unit is None and unit != "m":
+        if self._unit is None and unit != "m":
             self.notes.append(f"the cameras are {length:g} apart, taken for {unit}: if that is wrong, give --unit")
-        scale = (1, 1, 1, unit_of_p)
-        pose_m = None if pose is None else pose_of(pose[:3, :3], pose[:3, 3] * UNITS[unit])
-        return pose_m, p and (p[0] * scale, p[1] * scale)
+        if self.pose is not None:
+            self.pose = pose_of(self.pose[:3, :3], self.pose[:3, 3] * UNITS[unit])
+        if self.p is not None:
+            self.p = self.p[0] * (1, 1, 1, unit_of_p), self.p[1] * (1, 1, 1, unit_of_p)
 
     # --- projections of rectified images ---
 
     def _right_alone(self) -> Pair | None:
         """Derive both projections from a lone right P; the left one is P without its last column."""
-        found = self.found.get("P", ())
-        left = "left" if self.cameras is None else self.cameras[0]
-        if len(found) != 1 or label_of(found[0].name, self.cameras) == left or found[0].value[0, 3] == 0:
+        found = self._found.get("P", ())
+        left = "left" if self._cameras is None else self._cameras[0]
+        if len(found) != 1 or label_of(found[0].name, self._cameras) == left or found[0].value[0, 3] == 0:
             return None
         return found[0].value * (1, 1, 1, 0), found[0].value
 
-    def _rectified(self, k: Pair | None, rectification: Pair | None) -> tuple[Pair | None, Pair | None]:
-        """Return the projections that follow from a baseline or from Q, and the raw cameras' matrices beside them."""
+    def _project_rectified(self) -> None:
+        """Set the projections that follow from a baseline or from Q; then only raw cameras keep their matrices."""
         found = self._of("K")
         alone = found.get("", next(iter(found.values()), None))
         # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
-        raw = k if rectification is not None and "" in found else None
-        of = k if raw is None and k is not None else alone and (alone.value, alone.value)
+        raw = self.k if self.rectification is not None and "" in found else None
+        of = self.k if raw is None and self.k is not None else alone and (alone.value, alone.value)
         if of is not None and (baseline := self._baseline(float(of[0][0, 0]))) is not None:
             if raw is None and any(each.value.any() for each in self._of("D").values()):
                 self.notes.append("D was left out: with a baseline and without R, images are taken to be rectified")
-            return _projections(*of, baseline), raw
-        for _, q in self.found.get("Q", ()):
+            self.p, self.k = _projections(*of, baseline), raw
+        elif "Q" in self._found:
+            q = self._found["Q"][0].value
             focal_px, cx_left, cy = q[2, 3], -q[0, 3], -q[1, 3]
             # Q's last row ends in -1 / Tx and (cx - cx') / Tx.
             left, right = (camera_matrix(focal_px, focal_px, cx, cy) for cx in (cx_left, cx_left + q[3, 3] / q[3, 2]))
-            return _projections(left, right, abs(1 / q[3, 2])), k
-        return None, k
+            self.p = _projections(left, right, abs(1 / q[3, 2]))
 
     def _baseline(self, focal_px: float) -> float | None:
         """Return a stated baseline in the file's unit: it, its product with the focal length, or a number alone."""
-        for entry in self.entries:
+        for entry in self._entries:
             if entry.value.size != 1 or not np.isfinite(entry.value).all():
                 continue
             value = abs(float(entry.value.ravel()[0]))
             if found := re.fullmatch(_BASELINE, entry.key):
-                self.unit = self.unit or (found[1] and (found[1] if found[1] in UNITS else "m"))
+                self._unit = self._unit or (found[1] and (found[1] if found[1] in UNITS else "m"))
                 return value
             if entry.key in _FOCAL_TIMES_BASELINE:
                 return value / focal_px
@@ -203,8 +216,8 @@ class Finder:
     # --- lenses and sizes ---
 
     def _model(self) -> LensModel | None:
-        names = [each.key for each in self.entries if each.key in {"radtan", "equidistant"}]
-        for name, value in self.texts.items():
+        names = [each.key for each in self._entries if each.key in {"radtan", "equidistant"}]
+        for name, value in self._texts.items():
             words = " ".join(words_of(name))
             if isinstance(value, str) and re.search(r"\b(model|type|lens|distortion|projection)", words):
                 names.append(value)
@@ -212,39 +225,56 @@ class Finder:
                 names.append("fisheye")
         return model_of(names)
 
-    def _lenses(self, k: Pair, size: Size | None, raw_size: Size | None) -> tuple[Pair, LensModel]:
-        """Return the coefficients of both lenses and their model; raises FormatError where they cannot be used."""
+    def _find_lenses(self, size: Size | None, raw_size: Size | None) -> None:
+        """Set the coefficients of both lenses and their model; raises FormatError where they cannot be used."""
+        if self.k is None:
+            return
         model, d = self._model(), self._eyes("D")
         if size is not None and raw_size not in {None, size}:
             raise FormatError(f"expected raw images of {size}, as rectified ones, got {raw_size}")
-        stated = {each.name: each.value for each in self.entries if each.has(COEFFICIENT_WORDS) and each.value.size > 1}
+        stated = {
+            each.name: each.value for each in self._entries if each.has(COEFFICIENT_WORDS) and each.value.size > 1
+        }
         if d is None and stated:
             raise FormatError(f"expected 4, 5, 8, 12 or 14 coefficients of both lenses, got {listing(stated)}")
         if d is None:
             self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
             d = np.zeros(0), np.zeros(0)
-        is_wide = size is not None and size.width_px > _WIDE * float(k[0][0, 0])
+        is_wide = size is not None and size.width_px > _WIDE * float(self.k[0][0, 0])
         if model is None and is_wide and d[0].any() and len(d[0]) == 4:
             raise FormatError(
                 "a wide lens with 4 coefficients may be radial-tangential or a fisheye: add the value "
                 "distortion_model, fisheye or radtan, to the file"
             )
         model = model or "radial-tangential"
-        return (checked_coefficients(d[0], model, k[0]), checked_coefficients(d[1], model, k[1])), model
+        left, right = (checked_coefficients(own, model, k) for own, k in zip(d, self.k, strict=True))
+        self.d, self.model = (left, right), model
 
-    def _sizes(self, k: Pair | None, p: Pair | None) -> tuple[Size | None, Size | None]:
+    def _sizes(self) -> tuple[Size | None, Size | None]:
         """Return the size of the images, and of the raw images; None for an unknown size."""
         sizes: dict[bool, dict[Size, None]] = {True: {}, False: {}}
-        for entry in self.found.get("size", ()):
+        for entry in self._found.get("size", ()):
             width, height = entry.value.tolist()
             if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
                 raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
             if width and height:  # 0 x 0 is OpenCV's unknown size
-                sizes[entry.has("rect")][upright(Size(int(width), int(height)), [*(k or ()), *(p or ())])] = None
-        known = [*(sizes[p is not None] or sizes[p is None])]
+                sizes[entry.has("rect")][upright(Size(int(width), int(height)), [*(self.k or ()), *(self.p or ())])] = (
+                    None
+                )
+        known = [*(sizes[self.p is not None] or sizes[self.p is None])]
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
         return next(iter(known), None), next(iter(sizes[False]), None)
+
+
+def sizes_in(tree: Tree) -> list[Array]:
+    """Return the sizes of images, (2,), that a tree states."""
+    kinds = map(kind_of, with_parts(_entries(tree)))
+    return [array for kind, array in filter(None, kinds) if kind == "size"]
+
+
+def _entries(tree: Tree) -> Sequence[Entry]:
+    return by_columns([Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)])
 
 
 def _unlikeliness(found: tuple[Entry, str, Array]) -> tuple[bool, bool, int]:

@@ -1,15 +1,10 @@
-"""The recipes of a calibrated config, and the style of its scenes before any trial."""
+"""The recipes of a calibrated config."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.scene.rig import BEYOND_NEAR
-
-TEXELS = ((0.8, 1.5), (0.4, 0.75))
-"""Tried values of textures.texels_per_pixel; without trials, the first."""
 
 # Rooms, and most halls, have no pixels farther than this; outdoors a larger share of pixels is farther.
 _INDOOR_M, _OUTDOOR_FROM = 20.0, 0.02
@@ -23,28 +18,6 @@ _NEAR, _ROOM_ENDS, _PANELS = (0.4, 0.98), (0.1, 0.4), (0.1, 0.8)
 _STILL_UP_TO = 0.9
 # Sides of panels, as fractions of the image's width.
 _PANEL_OF_WIDTH = (0.3, 1.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Style:
-    """The recipes of a config and the look of its surfaces.
-
-    Attributes:
-        recipes: the R recipes as in a config, without weights; the last one is clutter.
-        weights: weight of each recipe, above 0; the sum is 1.
-        texels_per_pixel: low and high end of ``textures.texels_per_pixel``.
-        blur_px: ``imperfections.blur_px``, in pixels of the config's images.
-    """
-
-    recipes: Sequence[dict[str, Any]]
-    weights: Sequence[float]
-    texels_per_pixel: tuple[float, float] = TEXELS[0]
-    blur_px: float = 0.0
-
-
-def untried_style(recipes: Sequence[dict[str, Any]]) -> Style:
-    """Return the style of a config without trial pairs: equal weights, and surfaces as in the packaged configs."""
-    return Style(recipes, (1 / len(recipes),) * len(recipes))
 
 
 def is_outdoors(rig: Rig, disparity: DisparityRange) -> bool:

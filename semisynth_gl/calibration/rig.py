@@ -1,4 +1,4 @@
-"""Rigs: what a calibration says, OpenCV's rectification, and checks of rectified pairs."""
+"""Rigs: OpenCV's rectification of a calibration, and checks of rectified pairs."""
 
 import math
 from collections.abc import Mapping
@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from semisynth_gl.calibration.finder import Pair, StereoArrays
 from semisynth_gl.calibration.kinds import camera_matrix
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import Array
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
-from semisynth_gl.frame.raw_camera import LensModel, RawCamera
+from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv
 
@@ -26,36 +27,6 @@ _LARGEST_ENTRY = LARGEST**2
 # Tangent of half the angle that the width of a fisheye's rectified images takes at most by default, 100 degrees: wider,
 # OpenCV would shrink the middle.
 _WIDEST_FISHEYE = math.tan(math.radians(50))
-
-Pair = tuple[Array, Array]
-"""An array of the left eye, and one of the right eye."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StereoArrays:
-    """What a calibration says of a rig, by OpenCV's names; None for what it does not say.
-
-    Attributes:
-        size: size of the images.
-        k: camera matrices (3, 3) before rectification.
-        d: coefficients (N,) of both lenses in OpenCV's order.
-        model: their model.
-        pose_m: R and T as one pose (4, 4), right_from_left, metres.
-        rectification: R1 and R2, rectified_from_raw of both eyes, (3, 3).
-        p: projection matrices (3, 4) of the rectified images, the last column in pixels times metres.
-        notes: sentences on what was concluded and not read.
-        source: name of the file or files, for messages.
-    """
-
-    size: Size | None = None
-    k: Pair | None = None
-    d: Pair | None = None
-    model: LensModel | None = None
-    pose_m: Array | None = None
-    rectification: Pair | None = None
-    p: Pair | None = None
-    notes: tuple[str, ...] = ()
-    source: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,41 +68,40 @@ def make_rig(arrays: StereoArrays, size: Size, alpha: float | None = None) -> Ri
         InputError: where a calibration with P1 and P2 is not rectified, the baseline is not above 0, the cameras have
             the same position or one stands above the other, or OpenCV is missing.
     """
-    source, p, rectification = arrays.source, arrays.p, arrays.rectification
-    if p is None:
-        p, rectification = _stereo_rectify(arrays, size, alpha)
-        source = f"{source}, rectified by stereoRectify"
-    elif alpha is not None:
+    source, p, rectification, k, d = arrays.source, arrays.p, arrays.rectification, arrays.k, arrays.d
+    if p is not None and alpha is not None:
         raise InputError(f"{source} states how its images are rectified: leave it out", argument="alpha")
-    left, right = p
     try:
+        if p is None:
+            p, rectification = _stereo_rectify(arrays, size, alpha)
+            source += ", rectified by stereoRectify"
+        left, right = p
         baseline_m = _baseline_m(left, right)
         (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
         camera = StereoCamera(*size, fx, baseline_m, cx_left, float(right[0, 2]), cy, fy_over_fx=fy / fx)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     raw = dict[Eye, RawCamera]()
-    if arrays.k is not None and arrays.d is not None and arrays.model is not None and rectification is not None:
-        for eye, k, d, rotation in zip(EYES, arrays.k, arrays.d, rectification, strict=True):
-            of_eye = {"K": k, "D": d, "R": rotation, "model": arrays.model}
-            raw[eye] = RawCamera.from_record({"width_px": size.width_px, "height_px": size.height_px, **of_eye})
+    if k is not None and d is not None and rectification is not None:
+        record = {"width_px": size.width_px, "height_px": size.height_px, "model": arrays.model}
+        for index, eye in enumerate(EYES):
+            raw[eye] = RawCamera.from_record(record | {"K": k[index], "D": d[index], "R": rectification[index]})
     is_rectified = all(each.is_pinhole(camera, eye) for eye, each in raw.items())
-    return Rig(camera, source, None if is_rectified else raw, arrays.notes)
+    return Rig(camera, source, None if is_rectified else raw, tuple(arrays.notes))
 
 
 def _stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> tuple[Pair, Pair]:
     """Return P1 and P2, and R1 and R2, which OpenCV's stereoRectify makes of K, D, R and T."""
-    k, d, pose_m = arrays.k, arrays.d, arrays.pose_m
-    if k is None or d is None or pose_m is None:
-        raise InputError(f"{arrays.source}: expected K and D of both cameras, R and T")
+    k, d, pose = arrays.k, arrays.d, arrays.pose
+    if k is None or d is None or pose is None:
+        raise InputError("expected K and D of both cameras, R and T")
     cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
-    turn, shift_m = pose_m[:3, :3].copy(), pose_m[:3, 3:].copy()  # OpenCV wants arrays in one piece
+    turn, shift_m = pose[:3, :3].copy(), pose[:3, 3:].copy()  # OpenCV wants arrays in one piece
     right_m, down_m, _ = (-turn.T @ shift_m).ravel().tolist()
     if abs(right_m) <= abs(down_m):
         raise InputError(
-            f"{arrays.source}: expected cameras apart and side by side, but the right one is {right_m:.6g} m to the "
-            f"right of the left one and {down_m:.6g} m below it: turn images of a vertical rig by a quarter, and "
-            "calibrate these"
+            f"expected cameras apart and side by side, but the right one is {right_m:.6g} m to the right of the left "
+            f"one and {down_m:.6g} m below it: turn images of a vertical rig by a quarter, and calibrate these"
         )
     fisheye = arrays.model == "fisheye"
     chosen = {} if alpha is None else {"balance" if fisheye else "alpha": alpha}

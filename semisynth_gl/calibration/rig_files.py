@@ -1,12 +1,11 @@
 """Calibration files to rigs: any file becomes a tree of names, an adapter or the names give the arrays."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from semisynth_gl.calibration.adapters import ADAPTERS, Adapter
-from semisynth_gl.calibration.finder import UNITS, Finder, Given
-from semisynth_gl.calibration.rig import Rig, StereoArrays, make_rig
+from semisynth_gl.calibration.finder import UNITS, StereoArrays, sizes_in
+from semisynth_gl.calibration.rig import Rig, make_rig
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Name, Tree, joined, listing, read_tree
 from semisynth_gl.frame.camera import EYES
@@ -14,11 +13,11 @@ from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.textures.image_files import find_files
 
-KEYS: Mapping[str, Name] = {
+# The name that a value gets for each key of --calib-keys.
+_NAMES: Mapping[str, Name] = {
     **{f"{kind}{number}": (eye, kind) for number, eye in enumerate(EYES, 1) for kind in "KDRP"},
     **{name: (name,) for name in ("R", "T", "Q", "size")},
 }
-"""The names that `read_rig` finds values by, for each key of ``keys``."""
 
 
 def read_rig(
@@ -29,7 +28,7 @@ def read_rig(
     unit: str | None = None,
     alpha: float | None = None,
     cameras: tuple[str, str] | None = None,
-    keys: Mapping[str, str] | None = None,
+    calib_keys: Mapping[str, str] | None = None,
 ) -> Rig:
     """Read a rectified rig from the calibration files that the sources name.
 
@@ -37,98 +36,107 @@ def read_rig(
     unless names say otherwise, or intrinsics and extrinsics.
 
     ``photographed`` is the size of the rig's photographs, which chooses or stands for the size where files do not state
-    it. ``keys`` are the ``calib_keys`` of `calibrate`, which explains the other arguments.
+    it. `calibrate` explains the other arguments.
 
     Raises:
         InputError: where there is no file, or several rigs, the rig is not rectified, or OpenCV is needed and missing.
         ReadError: where a file describes no rig, or contradicts itself.
     """
-    paths = [*dict.fromkeys(path for source in sources for path in _found(source))]
+    trees: dict[str, Tree] = {}
+    for source in sources:
+        paths = find_files([source], EXTENSIONS)
+        if not paths:
+            text = f"{source}: no such file, nor a file with {', '.join(EXTENSIONS)} there"
+            raise InputError(text, argument="calib")
+        trees |= {str(path): read_tree(path) for path in paths if str(path) not in trees}
     if unit is not None:
         check_one_of("unit", unit, UNITS)
-    given = Given(cameras, unit, size or photographed)
-    trees = [read_tree(path) for path in paths]
-    if keys:
-        return _rig(_joined(paths, trees, given._replace(cameras=None), keys), size, photographed, alpha)
-    rigs = [each for tree, path in zip(trees, paths, strict=True) if (each := _arrays(tree, str(path), given))]
-    if len(rigs) < len(paths):
-        rigs = [each for each in rigs if each.d and (each.pose_m is not None or each.rectification)]
-    if len(rigs) > 1:
-        text = f"{rigs[0].source} and {rigs[1].source} describe a rig each: give the files of one"
-        raise InputError(text, argument="calib")
-    return _rig(rigs[0] if rigs else _joined(paths, trees, given), size, photographed, alpha)
-
-
-def _found(source: str | Path) -> list[Path]:
-    if matches := find_files([source], EXTENSIONS):
-        return matches
-    raise InputError(f"{source}: no such file, nor a file with {', '.join(EXTENSIONS)} there", argument="calib")
-
-
-def _arrays(tree: Tree, source: str, given: Given, adapters: Sequence[Adapter] = ADAPTERS) -> StereoArrays | None:
-    try:
-        if known := next((each for adapter in adapters if (each := adapter(tree, given.size)) is not None), None):
-            if given.unit is not None:
-                raise InputError(f"{source} states the unit: leave it out", argument="unit")
-            tree, pair = known
-            given = given._replace(cameras=given.cameras or pair, unit="m")
-        arrays = Finder(tree, given).arrays()
-    except FormatError as error:
-        raise ReadError(Path(source), str(error)) from None
-    return arrays and replace(arrays, source=source)
-
-
-def _joined(
-    paths: Sequence[Path], trees: Sequence[Tree], given: Given, keys: Mapping[str, str] | None = None
-) -> StereoArrays:
-    """Return what files say together; where no name tells the eyes, the left camera's file comes first."""
-    source, names = " and ".join(map(str, paths)), [path.stem for path in paths]
-    if len({*names}) < len(names):
-        names = [f"{path.absolute().parent.name}.{path.stem}" for path in paths]
-    numbers = [str(number) for number in range(1, len(paths) + 1)]
-    wholes = [*trees] if len(paths) == 1 else [joined(trees, names), joined(trees, numbers)]
-    if keys:
-        wholes = [_chosen(wholes[0], keys, given)]
-    for whole in wholes:
-        if (arrays := _arrays(whole, source, given, () if keys else ADAPTERS)) is not None:
-            return arrays
-    if keys:
-        named = listing({(key,): wholes[0][name] for key, name in KEYS.items() if name in wholes[0]})
-        text = f"{source}: no pair of cameras in {named}: name P1 and P2, or K1, D1, K2, D2, R and T"
-        raise InputError(text, argument="calib_keys")
-    chosen = "" if given.cameras is None else f" {' and '.join(given.cameras)}"
-    raise ReadError(
-        Path(source),
-        f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
-        f"{listing(wholes[0])}. Add the file that has the rest; or say which value is which (--calib-keys), such as "
-        "K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...",
-    )
-
-
-def _chosen(tree: Tree, keys: Mapping[str, str], given: Given) -> Tree:
-    """Return the values that keys name, under names that tell what they are, all texts, and the size."""
-    values = {".".join(name): value for name, value in tree.items()}
-    for key, name in keys.items():
-        if key not in KEYS:
-            raise InputError(f"{key}: expected one of {', '.join(KEYS)}", argument="calib_keys")
-        if name not in values:
-            raise InputError(f"{key}: no value {name}; there are {listing(tree)}", argument="calib_keys")
-    sizes = [] if "size" in keys else Finder(tree, given).found.get("size", [])
-    return {
-        **{name: value for name, value in tree.items() if isinstance(value, str)},
-        **{("size", str(number)): value for number, (_, value) in enumerate(sizes)},
-        **{KEYS[key]: values[name] for key, name in keys.items()},
-    }
-
-
-def _rig(arrays: StereoArrays, size: Size | None, photographed: Size | None, alpha: float | None) -> Rig:
+    about = unit, size or photographed
+    arrays = _by_keys(trees, calib_keys, *about) if calib_keys else _by_names(trees, cameras, *about)
     stated = arrays.size
     if stated is not None and size not in {None, stated}:
         text = f"{arrays.source} is for images of {stated}, not {size}: leave it out, or give --scale"
         raise InputError(text, argument="size")
     if stated is None and size is None and photographed is not None:
-        arrays = replace(arrays, notes=(*arrays.notes, f"images are taken to be of {photographed}, as photographs are"))
-    size = stated or size or photographed
-    if size is None:
+        arrays.notes.append(f"images are taken to be of {photographed}, as photographs are")
+    known = stated or size or photographed
+    if known is None:
         raise InputError(f"{arrays.source}: does not say how large the images are: give it", argument="size")
-    return make_rig(arrays, size, alpha)
+    return make_rig(arrays, known, alpha)
+
+
+def _by_names(
+    trees: Mapping[str, Tree], cameras: tuple[str, str] | None, unit: str | None, size: Size | None
+) -> StereoArrays:
+    """Return the arrays of the one file that describes a rig, or else of all files together."""
+    rigs = [found for source, tree in trees.items() if (found := _arrays(tree, source, cameras, unit, size))]
+    if len(rigs) < len(trees):  # K and a baseline may be of one camera
+        rigs = [each for each in rigs if each.d and (each.pose is not None or each.rectification)]
+    if len(rigs) > 1:
+        text = f"{rigs[0].source} and {rigs[1].source} describe a rig each: give the files of one"
+        raise InputError(text, argument="calib")
+    # Where no name tells the eyes, the left camera's file comes first.
+    by_number = joined([*trees.values()], [str(number) for number in range(1, len(trees) + 1)])
+    source = " and ".join(trees)
+    for tree in (_whole(trees), by_number) if len(trees) > 1 else ():
+        rigs = rigs or [found for found in [_arrays(tree, source, cameras, unit, size)] if found]
+    if rigs:
+        return rigs[0]
+    chosen = "" if cameras is None else f" {' and '.join(cameras)}"
+    raise ReadError(
+        Path(source),
+        f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
+        f"{listing(_whole(trees))}. Add the file that has the rest; or say which value is which (--calib-keys), such "
+        "as K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...",
+    )
+
+
+def _by_keys(trees: Mapping[str, Tree], keys: Mapping[str, str], unit: str | None, size: Size | None) -> StereoArrays:
+    """Return the arrays that keys name, with all texts of the files, and their size if no key names one."""
+    tree, source = _whole(trees), " and ".join(trees)
+    values = {".".join(name): value for name, value in tree.items()}
+    for key, name in keys.items():
+        if key not in _NAMES:
+            raise InputError(f"{key}: expected one of {', '.join(_NAMES)}", argument="calib_keys")
+        if name not in values:
+            raise InputError(f"{key}: no value {name}; there are {listing(tree)}", argument="calib_keys")
+    chosen: Tree = {name: value for name, value in tree.items() if isinstance(value, str)}
+    if "size" not in keys:
+        chosen |= {("size", str(number)): value for number, value in enumerate(sizes_in(tree))}
+    chosen |= {_NAMES[key]: values[name] for key, name in keys.items()}
+    arrays = _arrays(chosen, source, None, unit, size, adapters=())
+    if arrays is None:
+        named = listing({(key,): values[name] for key, name in keys.items()})
+        text = f"{source}: no pair of cameras in {named}: name P1 and P2, or K1, D1, K2, D2, R and T"
+        raise InputError(text, argument="calib_keys")
+    return arrays
+
+
+def _whole(trees: Mapping[str, Tree]) -> Tree:
+    """Return the values of all files, with the files' names before theirs where there are several."""
+    if len(trees) == 1:
+        return next(iter(trees.values()))
+    names = [Path(source).stem for source in trees]
+    if len({*names}) < len(names):
+        names = [f"{Path(source).absolute().parent.name}.{Path(source).stem}" for source in trees]
+    return joined([*trees.values()], names)
+
+
+def _arrays(
+    tree: Tree,
+    source: str,
+    cameras: tuple[str, str] | None,
+    unit: str | None,
+    size: Size | None,
+    adapters: Sequence[Adapter] = ADAPTERS,
+) -> StereoArrays | None:
+    try:
+        if known := next((each for adapter in adapters if (each := adapter(tree, size)) is not None), None):
+            if unit is not None:
+                raise InputError(f"{source} states the unit: leave it out", argument="unit")
+            tree, pair = known
+            cameras, unit = cameras or pair, "m"
+        arrays = StereoArrays(tree, source, cameras, unit, size)
+    except FormatError as error:
+        raise ReadError(Path(source), str(error)) from None
+    return arrays if arrays.is_rig else None

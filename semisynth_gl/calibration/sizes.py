@@ -52,9 +52,10 @@ def photograph_sizes(images: Sequence[Path]) -> list[Size]:
     return sizes
 
 
-def most_common_size(photographs: Sequence[Size]) -> Size | None:
-    """Return the size that more than half of the photographs have; None if no size does."""
-    return next((size for size, count in Counter(photographs).items() if 2 * count > len(photographs)), None)
+def most_common_size(photographs: Sequence[Size], scale: float = 1.0) -> Size | None:
+    """Return the size, divided by ``scale``, that more than half of the photographs have; None if no size does."""
+    usual = (size for size, count in Counter(photographs).items() if 2 * count > len(photographs))
+    return next((size.scaled(1 / scale) for size in usual), None)
 
 
 def check_sizes(photographs: Sequence[Size], calibrated: Size, scale: float = 1.0) -> None:

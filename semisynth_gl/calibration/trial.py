@@ -6,14 +6,12 @@ suffice to predict any mix. Blur is applied to rendered images, so one pair can 
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
-from typing import Any
+from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.calibration.draft import Draft
-from semisynth_gl.calibration.recipes import TEXELS, Style, untried_style
+from semisynth_gl.calibration.draft import TEXELS, Draft
 from semisynth_gl.config.load import parse_values
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.comparison import Values, unit_of
@@ -39,44 +37,50 @@ Floats = NDArray[np.float64]
 
 
 def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
-    """Render trial pairs, and return the draft with the style whose pairs are nearest to a place.
+    """Render trial pairs, and return the draft with the recipes and the look whose pairs are nearest to a place.
 
     ``pairs`` are rendered of each recipe with each of `TEXELS`, and each is measured with all `BLURS`. ``place`` has
     the measures of the place's pictures at the `working_width`. The listener hears the number of trial pairs, and each
     finished pair. Raises InputError where inputs cannot be used, and BackendError where OpenGL cannot.
     """
-    recipes, target, width_px = draft.style.recipes, draft.disparity.target, draft.rig.camera.width_px
+    values, scenes, wanted = draft.values(), draft.sections["scenes"], draft.disparity.target
+    width_px = draft.rig.camera.width_px
     blur_scale = width_px / working_width(width_px)
-    cells = {f"{recipe['recipe']}-{k}": (r, k) for r, recipe in enumerate(recipes) for k in range(len(TEXELS))}
+    cells = {f"{scene['recipe']}-{k}": (r, k) for r, scene in enumerate(scenes) for k in range(len(TEXELS))}
     tried = [
-        recipes[r] | {"recipe": name, "textures": {"texels_per_pixel": TEXELS[k]}} for name, (r, k) in cells.items()
+        values["scenes"][r] | {"recipe": name, "textures": {"texels_per_pixel": [*TEXELS[k]]}}
+        for name, (r, k) in cells.items()
     ]
-    values = replace(draft, style=untried_style(tried)).values()
     # Recipes without layers get targets of their own: solving them for what a mix lacks takes long.
-    wanted = {"target": values["disparity"].pop("target")}
-    for recipe in values["scenes"]:
-        if "layers" not in recipe.get("particles", {}):
-            recipe["disparity"] = wanted
+    own = {"disparity": {"target": values["disparity"].pop("target")}}
+    values["scenes"] = [each if "layers" in each.get("particles", {}) else each | own for each in tried]
     # Only what is measured.
     config = parse_values(values | {"outputs": [], "truth": "left"}, "the trial's config", draft.overrides)
     if {recipe.name for recipe in config.recipes()} != set(cells):
         raise InputError("scenes cannot be set where trial pairs weigh the recipes", argument="overrides")
-    shares = np.zeros((len(recipes), len(target.shares)))
-    measures: dict[str, list[Floats]] = {name: [] for name in cells}
+    shares = np.zeros((len(scenes), len(wanted.shares)))
+    trial: list[list[list[Floats]]] = [[[] for _ in TEXELS] for _ in scenes]
     listener.on_total(pairs * len(cells))
     with PairRenderer(config, _SEED) as renderer:
         for made, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
             # Expected shares do not depend on texels.
             if made.config.particles.layers is not None:
-                shares[cells[str(made.name)][0]] = sampler.disparity_solver.expected().rebinned(target.edges_px).shares
+                shares[cells[str(made.name)][0]] = sampler.disparity_solver.expected().rebinned(wanted.edges_px).shares
         for number in range(pairs * len(cells)):
             # Skip the checks: redrawn scenes would have the same statistics.
             pair = renderer.render(number, checked=False)
-            measures[pair.provenance["recipe"]].append(_blurred(pair, width_px, blur_scale))
+            recipe, scale = cells[pair.provenance["recipe"]]
+            trial[recipe][scale].append(_blurred(pair, width_px, blur_scale))
             listener.on_pair(FinishedPair("train", number))
-    of_cells = [np.reshape(measures[name], (-1, len(BLURS), len(MEASURES))) for name in cells]
-    of_recipes = [of_cells[first : first + len(TEXELS)] for first in range(0, len(of_cells), len(TEXELS))]
-    return replace(draft, style=fitted_style(recipes, of_recipes, shares, target.shares, place, blur_scale))
+    weights, texels, blur = nearest_mix(trial, shares, wanted.shares, place)
+    look = {
+        "scenes": [
+            scene | {"weight": weight} for scene, weight in zip(scenes, weights.tolist(), strict=True) if weight
+        ],
+        "textures": draft.sections["textures"] | {"texels_per_pixel": TEXELS[texels]},
+        "imperfections": {"blur_px": float(f"{BLURS[blur] * blur_scale:.2g}")},
+    }
+    return replace(draft, sections=draft.sections | look)
 
 
 def _blurred(pair: Pair, width_px: int, blur_scale: float) -> Floats:
@@ -94,53 +98,42 @@ def _blurred(pair: Pair, width_px: int, blur_scale: float) -> Floats:
     return np.array(found, np.float64)
 
 
-def fitted_style(
-    recipes: Sequence[dict[str, Any]],
-    trial: Sequence[Sequence[Floats]],
-    shares: Floats,
-    wanted: Floats,
-    place: Values,
-    blur_scale: float,
-) -> Style:
-    """Choose the style whose pairs are expected to be nearest to a place, in standard deviations of its pictures.
+def nearest_mix(
+    trial: Sequence[Sequence[Sequence[Floats]]], shares: Floats, wanted: Floats, place: Values
+) -> tuple[Floats, int, int]:
+    """Choose the mix whose pairs are expected to be nearest to a place, in standard deviations of its pictures.
 
-    The weights of recipes are chosen by the distributions of the measures of disparity maps, and by the wanted
-    disparities, since no recipe can remove pixels that a mix has too many of. Texture scale and blur are chosen by the
-    means of the measures of images.
+    Return the weights of R recipes, (R,) with a sum of 1, and the indices of the texture scale and the blur. The
+    weights are chosen by the distributions of the measures of disparity maps, and by the wanted disparities, since no
+    recipe can remove pixels that a mix has too many of. Texture scale and blur are chosen by the means of the measures
+    of images.
 
     Args:
-        recipes: the R recipes to mix; the last one is clutter.
-        trial: for each recipe, and for each of `TEXELS`, (P, B, M), the M measures of its P pairs with each of `BLURS`;
-            nan where a pair does not have the measure.
+        trial: for each recipe, of which the last is clutter, for each of `TEXELS` and for each pair: (B, M), the M
+            measures of the pair with each of `BLURS`; nan where it does not have the measure.
         shares: (R, K), expected share of each recipe's pixels in each of the K bins of the wanted histogram; 0 for
             recipes that are solved for the disparities that the other recipes lack.
         wanted: (K,), shares of the wanted histogram.
         place: the measures of the place's pictures, at the working width.
-        blur_scale: pixels of the config's images per pixel at the working width, to convert the tried `BLURS`.
     """
+    pairs = [[np.reshape(values, (-1, len(BLURS), len(MEASURES))) for values in of_recipe] for of_recipe in trial]
     # Measures of disparity maps do not depend on blur.
-    maps = [np.concatenate([values[:, 0] for values in of_recipe]) for of_recipe in trial]
+    maps = [np.concatenate([values[:, 0] for values in of_recipe]) for of_recipe in pairs]
     pictured = [number for number, measure in enumerate(MEASURES) if place[measure.key].any()]
     of_maps = [k for k in pictured if not MEASURES[k].of_images and all(np.isfinite(each[:, k]).any() for each in maps)]
-    weights = np.full(len(recipes), 1 / len(recipes))
+    weights = np.full(len(trial), 1 / len(trial))
     if of_maps:
-        mixes = _mixes(len(recipes))
+        mixes = _mixes(len(trial))
         apart = [_apart(mixes, [values[:, k] for values in maps], place[MEASURES[k].key]) for k in of_maps]
         surplus = np.maximum(mixes @ shares - wanted, 0).sum(axis=1) / _SURPLUS
         far = _far(np.stack([*apart, surplus])) + _EVENNESS * (mixes**2).sum(axis=1)
         weights = mixes[np.argmin(far)]
-    looks = _mean([[_mean(values) for values in of_recipe] for of_recipe in trial], weights)
+    looks = _mean([[_mean(values) for values in of_recipe] for of_recipe in pairs], weights)
     of_looks = [k for k in pictured if np.isfinite(looks[..., k]).all() and MEASURES[k].of_images]
     places = [place[MEASURES[k].key] for k in of_looks]
     off = (looks[..., of_looks] - [values.mean() for values in places]) / [unit_of(values) for values in places]
     texels, blur = map(int, np.unravel_index(np.argmin(_far(np.moveaxis(off, -1, 0))), looks.shape[:2]))
-    kept = np.flatnonzero(weights).tolist()
-    return Style(
-        tuple(recipes[number] for number in kept),
-        tuple(float(weights[number]) for number in kept),
-        TEXELS[texels],
-        float(f"{BLURS[blur] * blur_scale:.2g}"),
-    )
+    return weights, texels, blur
 
 
 def _mean(values: ArrayLike, weights: Floats | None = None) -> Floats:
@@ -172,11 +165,7 @@ def _far(off: Floats) -> Floats:
 def _mixes(recipes: int) -> Floats:
     """Return all N sets of weights of R ``recipes``, (N, R), in twentieths with a sum of 1.
 
-    The last weight is above 0: the last recipe, clutter, adds the wanted disparities that the other recipes lack.
+    One twentieth always goes to the last recipe, clutter, which adds the wanted disparities that the others lack.
     """
-    places = _PARTS + recipes - 2
-    cuts = np.array([(-1, *cut, places) for cut in combinations(range(places), recipes - 1)])
-    parts = np.diff(cuts, axis=1) - 1.0
-    parts[:, -1] += 1
-    weights: Floats = parts / _PARTS
-    return weights
+    choices = combinations_with_replacement(range(recipes), _PARTS - 1)
+    return np.array([np.bincount((*chosen, recipes - 1), minlength=recipes) for chosen in choices])[::-1] / _PARTS

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from backends import backend_fault
-from calibration_files import CAMERA, MIDDLEBURY, facts, plain_rig
+from calibration_files import CAMERA, MIDDLEBURY, draft, plain_rig
 from config_texts import parse_config
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -54,7 +54,7 @@ def test_scaling_keeps_rays():
 
 @pytest.mark.parametrize(("ratio", "written"), [(1.0, None), (1 + 9e-7, None), (1 - 2e-6, 1 - 2e-6), (1.2, 1.2)])
 def test_a_config_gets_both_focal_lengths_unless_they_differ_by_rounding(ratio, written):
-    camera = parse_config(facts(Rig(replace(CAMERA, fy_over_fx=ratio), "x"), chosen_range(2, 60)).text()).camera
+    camera = parse_config(draft(Rig(replace(CAMERA, fy_over_fx=ratio), "x"), chosen_range(2, 60)).text()).camera
     assert camera.fy_over_fx == pytest.approx(written or 1.0, rel=1e-9, abs=0)
     assert camera.focal_px == Range(994.978, 994.978)
 
@@ -79,7 +79,7 @@ def test_far_pixels_make_a_scene_an_outdoor_one():
 def test_every_kind_of_scene_has_recipes_that_a_config_takes():
     found = measured_range(Histogram.from_counts((19.4, 62), [1.0]))
     for baseline_m, kind in ((0.1, "room"), (4, "street")):
-        recipes = parse_config(facts(plain_rig(1000, baseline_m, 640, 480), found).text()).recipes()
+        recipes = parse_config(draft(plain_rig(1000, baseline_m, 640, 480), found).text()).recipes()
         assert sum(recipe.share for recipe in recipes) == pytest.approx(1)
         shown = {name for name in ("room", "street") if any(getattr(each.config.background, name) for each in recipes)}
         assert shown == {kind}

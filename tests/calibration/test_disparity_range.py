@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_files import CAMERA, facts, plain_rig
+from calibration_files import CAMERA, draft, plain_rig
 from config_texts import parse_config
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
 from semisynth_gl.calibration.disparity_range import chosen_range, disparity_range, measure_maps, measured_range
-from semisynth_gl.calibration.recipes import untried_style
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.frame.camera import StereoCamera
@@ -107,17 +106,18 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, beyond_px, span, bas
         chosen_range(positive, positive + span, doffs_px),
         chosen_range(-doffs_px + beyond_px, -doffs_px + beyond_px + span, doffs_px),
     ):
-        farthest = -doffs_px if found.signed else max(-doffs_px, 0)
-        known = facts(rig, found)
+        farthest = -doffs_px if found.min_px <= 0 else max(-doffs_px, 0)
+        known = draft(rig, found)
+        scenes = known.sections["scenes"]
         # The recipes' numbers are looked at below: a config takes much longer to read with them.
-        config = parse_config(replace(known, style=untried_style(known.style.recipes[-1:])).text())
+        config = parse_config(replace(known, sections=known.sections | {"scenes": scenes[-1:]}).text())
         assert farthest < config.disparity.min_px < positive + span
         if config.background.plane:
             planes = config.background.plane_disparity_px
             assert farthest < planes.low < planes.high < config.disparity.min_px
         if config.background.cuboid:
             assert config.background.wall_disparity_px.low > farthest
-        for recipe in known.style.recipes:
+        for recipe in scenes:
             shown = [layer["disparity_px"] for layer in recipe.get("particles", {}).get("layers", ())]
             keys = ("background", "wall_disparity_px"), ("structures", "panel_disparity_px")
             shown += [recipe[name][key] for name, key in keys if key in recipe.get(name, {})]
@@ -165,6 +165,6 @@ def test_a_range_of_distances_is_that_of_their_disparities(focal_px, baseline_m,
 
 @pytest.mark.parametrize(("low_px", "signed"), [(7, False), (-20, True), (0, True)])
 def test_ranges_may_begin_below_zero(low_px, signed):
-    text = facts(Rig(CAMERA, "x"), disparity_range(Rig(CAMERA, "x"), range_px=(low_px, 60))).text()
+    text = draft(Rig(CAMERA, "x"), disparity_range(Rig(CAMERA, "x"), range_px=(low_px, 60))).text()
     assert ("\n  signed: true\n" in text) == signed
     assert f"\n  min_px: {low_px}\n" in text

@@ -659,16 +659,16 @@ def test_names_that_tell_nothing_are_given(tmp_path):
     with pytest.raises(ReadError, match=r"no pair.*v\.alphay \(3 x 3\), v\.betay \(5\).*--calib-keys.*K1=left"):
         read(tmp_path, files)
     keys = {key: f"v.{name}" for key, name in names.items()} | {"size": "v.ours"}
-    check(read(tmp_path, files, keys=keys))
+    check(read(tmp_path, files, calib_keys=keys))
     stated = dict(list(keys.items())[:6])  # the size has a usual name
     values = {name: files["v"][name] for name in names.values()}
-    check(read(tmp_path, {"v": values, "image_size": SIZE}, keys=stated, cameras=("a", "b")))
+    check(read(tmp_path, {"v": values, "image_size": SIZE}, calib_keys=stated, cameras=("a", "b")))
     with pytest.raises(InputError, match=r"calib_keys: .*no pair of cameras in K1 \(3 x 3\): name P1 and P2"):
-        read(tmp_path, files, keys={"K1": keys["K1"]})
+        read(tmp_path, files, calib_keys={"K1": keys["K1"]})
     with pytest.raises(InputError, match=r"K1: no value v\.omega; there are v\.alphay"):
-        read(tmp_path, files, keys=keys | {"K1": "v.omega"})
+        read(tmp_path, files, calib_keys=keys | {"K1": "v.omega"})
     with pytest.raises(InputError, match="K9: expected one of K1, D1"):
-        read(tmp_path, files, keys={"K9": "v.alphay"})
+        read(tmp_path, files, calib_keys={"K9": "v.alphay"})
 
 
 def test_files_of_whole_rigs_are_refused(tmp_path):

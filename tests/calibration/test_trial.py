@@ -1,23 +1,22 @@
-"""The style that trials choose: by made-up measures, and told by a renderer that renders nothing."""
+"""The mix that trials choose: by made-up measures, and told by a renderer that renders nothing."""
 
 from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from calibration_files import CAMERA, facts
+from calibration_files import CAMERA, draft
 
 from semisynth_gl.calibration import trial
 from semisynth_gl.calibration.disparity_range import chosen_range
-from semisynth_gl.calibration.recipes import TEXELS
+from semisynth_gl.calibration.draft import TEXELS
 from semisynth_gl.calibration.rig import Rig
-from semisynth_gl.calibration.trial import BLURS, fitted_style
+from semisynth_gl.calibration.trial import BLURS, nearest_mix
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.judge.comparison import gather
+from semisynth_gl.judge.measured_view import working_width
 from semisynth_gl.judge.measures import MEASURES
 from semisynth_gl.listener import Listener
-
-RECIPES = [{"recipe": name} for name in ("calm", "steep", "clutter")]
 
 
 def place_of(**values):
@@ -31,28 +30,22 @@ def around(mean, deviation):
     return mean + deviation * np.sqrt(5 / 6) * np.array([-1.0, 1.0] * 3)
 
 
-def style_of(place, recipes=RECIPES, shares=((0.0,),), wanted=(1.0,), scale=1.0, **values):
-    """The style by a trial of one pair with the measures given, each of a shape that goes to (recipes, texels, blurs).
+def chosen(place, recipes=3, shares=((0.0,),), wanted=(1.0,), **values):
+    """The mix by a trial of one pair with the measures given, each of a shape that goes to (recipes, texels, blurs).
 
-    Its recipes show the ``shares`` of each bin, as far as they are given, and the others none.
+    Its recipes, of which the last is clutter, show the ``shares`` of each bin, as far as they are given.
     """
-    means = np.full((len(recipes), len(TEXELS), 1, len(BLURS), len(MEASURES)), np.nan)
+    means = np.full((recipes, len(TEXELS), 1, len(BLURS), len(MEASURES)), np.nan)
     for number, measure in enumerate(MEASURES):
         if measure.key in values:
             means[..., 0, :, number] = values[measure.key]
-    found = np.zeros((len(recipes), len(wanted)))
+    found = np.zeros((recipes, len(wanted)))
     found[: len(shares)] = shares
-    return fitted_style(recipes, means, found, np.array(wanted), place, scale)
+    return nearest_mix(means, found, np.array(wanted), place)
 
 
 def of_recipes(*values):
     return np.reshape(values, (-1, 1, 1))
-
-
-def named(style, recipes=RECIPES):
-    """The weight of each recipe."""
-    by_name = {recipe["recipe"]: weight for recipe, weight in zip(style.recipes, style.weights, strict=True)}
-    return [by_name.get(recipe["recipe"], 0.0) for recipe in recipes]
 
 
 @pytest.mark.parametrize("weights", [(0.5, 0.3, 0.2), (0, 0.9, 0.1), (0.95, 0, 0.05), (0, 0, 1)])
@@ -61,27 +54,25 @@ def test_a_place_that_is_a_mix_gets_its_weights(weights):
     # Twenty pictures, as many of each recipe's sort as it has twentieths.
     pictures = np.repeat(np.arange(3), np.rint(20 * np.array(weights)).astype(int))
     there = place_of(**{key: np.array(values)[pictures] for key, values in shown.items()})
-    style = style_of(there, **{key: of_recipes(*values) for key, values in shown.items()})
-    assert named(style) == pytest.approx(weights)
+    found, _, _ = chosen(there, **{key: of_recipes(*values) for key, values in shown.items()})
+    assert found == pytest.approx(weights)
 
 
 def test_a_mix_of_extremes_with_the_mean_of_a_place_is_not_chosen():
-    # Two thirds of steep pictures and a third of clutter have the mean, one recipe has each picture.
-    recipes = [*RECIPES[:2], {"recipe": "like the place"}, RECIPES[2]]
-    style = style_of(place_of(jumps=around(2.0, 0.5)), recipes, jumps=of_recipes(1.0, 4.0, 2.0, 9.0))
-    assert named(style, recipes)[2] > 0.8
+    # Two thirds of steep pictures and a third of clutter have the mean, the third recipe has each picture.
+    weights, _, _ = chosen(place_of(jumps=around(2.0, 0.5)), 4, jumps=of_recipes(1.0, 4.0, 2.0, 9.0))
+    assert weights[2] > 0.8
 
 
 def test_recipes_that_are_alike_get_even_weights():
-    style = style_of(place_of(jumps=around(2.0, 0.5)), jumps=of_recipes(2.0, 2.0, 2.0))
-    assert sorted(style.weights) == pytest.approx([0.3, 0.35, 0.35])
+    weights, _, _ = chosen(place_of(jumps=around(2.0, 0.5)), jumps=of_recipes(2.0, 2.0, 2.0))
+    assert sorted(weights) == pytest.approx([0.3, 0.35, 0.35])
 
 
 def test_clutter_is_in_every_mix_and_photographs_say_nothing_of_weights():
     values = {"jumps": of_recipes(1.0, 2.0, 9.0), "gradient": 10.0}
-    assert style_of(place_of(jumps=around(0.1, 0.1)), **values).weights == (0.95, 0.05)
-    style = style_of(place_of(gradient=[9]), **values)
-    assert style.weights == pytest.approx([1 / 3] * 3)
+    assert chosen(place_of(jumps=around(0.1, 0.1)), **values)[0] == pytest.approx([0.95, 0, 0.05])
+    assert chosen(place_of(gradient=[9]), **values)[0] == pytest.approx([1 / 3] * 3)
 
 
 def test_a_mix_shows_no_more_than_is_wanted_of_a_disparity():
@@ -90,25 +81,23 @@ def test_a_mix_shows_no_more_than_is_wanted_of_a_disparity():
     weights = []
     for shares, wanted in ((known, (0.9, 0.1)), (known, (0.3, 0.7)), ((known[0],), (0.3, 0.7))):
         place = place_of(jumps=around(1.0, 3.0))
-        style = style_of(place, shares=shares, wanted=wanted, jumps=of_recipes(1.0, 4.0, 9.0))
-        weights.append(named(style))
-        surplus = np.maximum(np.dot(weights[-1][: len(shares)], shares) - wanted, 0).sum()
-        assert surplus < 0.06
-    assert weights[0][0] > 0.6
+        found, _, _ = chosen(place, shares=shares, wanted=wanted, jumps=of_recipes(1.0, 4.0, 9.0))
+        assert np.maximum(np.dot(found[: len(shares)], shares) - wanted, 0).sum() < 0.06
+        weights.append(found[0])
+    assert weights[0] > 0.6
     # What it shows too much of is left to those that are solved, and to others that show other disparities.
-    assert max(weights[1][0], weights[2][0]) < 0.45
+    assert max(weights[1:]) < 0.45
 
 
-@pytest.mark.parametrize(("blur", "scale"), [*((blur, 1.0) for blur in BLURS), (0.3, 3.0)])
-def test_the_blur_is_that_at_which_detail_is_the_places(blur, scale):
+def test_the_blur_is_that_at_which_detail_is_the_places():
     detail = np.array([[0.9 - 0.5 * tried for tried in BLURS]])
-    style = style_of(place_of(octaves=around(0.9 - 0.5 * blur, 0.01)), scale=scale, octaves=detail)
-    assert style.blur_px == pytest.approx(blur * scale)
+    for number, blur in enumerate(BLURS):
+        assert chosen(place_of(octaves=around(0.9 - 0.5 * blur, 0.01)), octaves=detail)[2] == number
 
 
 def test_blurred_texture_is_enlarged():
-    style = style_of(place_of(gradient=around(10, 1)), gradient=np.reshape([20.0, 9.0], (1, 2, 1)))
-    assert style.texels_per_pixel == TEXELS[1]
+    found = chosen(place_of(gradient=around(10, 1)), gradient=np.reshape([20.0, 9.0], (1, 2, 1)))
+    assert found[1] == 1
 
 
 def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
@@ -132,10 +121,21 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
 
     monkeypatch.setattr(trial, "PairRenderer", renderer)
     monkeypatch.setattr(trial, "_blurred", lambda pair, *_: np.full((len(BLURS), len(MEASURES)), float(pair.value)))
-    monkeypatch.setattr(trial, "fitted_style", lambda _, values, *__: found.append(values))
-    draft = facts(Rig(CAMERA, "calib.txt"), chosen_range(2, 90))
-    trial.fit(draft, gather(()), 3, Listener())
-    for recipe, values in zip(draft.style.recipes, found[0], strict=True):
+    mix = np.array([0.25, 0.75, *[0.0] * 3])
+
+    def nearest(values, *_):
+        found.extend(values)
+        return mix[: len(values)], 1, 3
+
+    monkeypatch.setattr(trial, "nearest_mix", nearest)
+    before = draft(Rig(CAMERA, "calib.txt"), chosen_range(2, 90))
+    after = trial.fit(before, gather(()), 3, Listener())
+    scenes = before.sections["scenes"]
+    for scene, values in zip(scenes, found, strict=True):
         for scale, of_scale in enumerate(values):
-            first = 10 * sum(f"{recipe['recipe']}-{scale}".encode())
-            assert of_scale[:, 0, 0].tolist() == [first, first + 1, first + 2]
+            first = 10 * sum(f"{scene['recipe']}-{scale}".encode())
+            assert [each[0, 0] for each in of_scale] == [first, first + 1, first + 2]
+    # Recipes without weight go, and the blur is scaled from the working width to the rig's.
+    assert after.sections["scenes"] == [scenes[0] | {"weight": 0.25}, scenes[1] | {"weight": 0.75}]
+    assert after.sections["textures"] == before.sections["textures"] | {"texels_per_pixel": TEXELS[1]}
+    assert after.sections["imperfections"]["blur_px"] == pytest.approx(BLURS[3] * 741 / working_width(741), rel=0.05)
