@@ -114,7 +114,8 @@ def calibrate(
     sizes = photograph_sizes(photographs)
     of_rig = [] if other_camera else sizes
     about_files = {"unit": unit, "calib_keys": calib_keys or None, "cameras": cameras, "alpha": alpha}
-    rig = _rig(files, focal_px, baseline_m, wanted, most_common_size(of_rig, scale), about_files)
+    numbers = {"focal_px": focal_px, "baseline_m": baseline_m, "size": wanted}
+    rig = _rig(files, numbers, most_common_size(of_rig, scale), about_files)
     check_sizes(of_rig, rig.size, scale)
     rig, notes = rig.scaled(scale), [*rig.notes]
     maps = map_files(names_of(disparity))
@@ -146,24 +147,22 @@ def calibrate(
 
 
 def _rig(
-    files: Sequence[str],
-    focal_px: float | None,
-    baseline_m: float | None,
-    size: Size | None,
-    photographed: Size | None,
-    about_files: Mapping[str, Any],
+    files: Sequence[str], numbers: Mapping[str, Any], photographed: Size | None, about_files: Mapping[str, Any]
 ) -> Rig:
-    """Return the rig that calibration files describe, or numbers."""
-    for argument, value in ({"focal_px": focal_px, "baseline_m": baseline_m} if files else about_files).items():
+    """Return the rig that calibration files describe, or that ``numbers``, its focal length, baseline and size, do."""
+    needless = {key: value for key, value in numbers.items() if key != "size"} if files else about_files
+    for argument, value in needless.items():
         if value is not None:
             why = "the calibration states it:" if files else "it is about calibration files: give these, or"
             raise InputError(f"{why} leave it out", argument=argument)
     if files:
-        return read_rig(files, size=size, photographed=photographed, **about_files)
-    if focal_px is None or baseline_m is None or size is None:
-        missing = "focal_px" if focal_px is None else "baseline_m" if baseline_m is None else "size"
-        raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing)
-    return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")
+        return read_rig(files, size=numbers["size"], photographed=photographed, **about_files)
+    for argument, value in numbers.items():
+        if value is None:
+            raise InputError("missing: give a calibration, or focal length, baseline and size", argument=argument)
+    width_px, height_px = numbers["size"]
+    camera = StereoCamera.centred(width_px, height_px, numbers["focal_px"], numbers["baseline_m"])
+    return Rig(camera, "the focal length, baseline and size given")
 
 
 def _summary(draft: Draft, config: Config, photographs: str) -> list[str]:

@@ -13,7 +13,6 @@ from ruamel.yaml.comments import CommentedSeq
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
-from semisynth_gl.calibration.recipes import is_outdoors, suitable_recipes
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.config import Config
@@ -22,6 +21,7 @@ from semisynth_gl.config.scene_sections import BackgroundSection, TexturesSectio
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.raw_camera import RawCamera, vector_of
 from semisynth_gl.inputs.user_files import expanded
+from semisynth_gl.scene.rig import BEYOND_NEAR
 from semisynth_gl.textures.image_files import printable
 
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
@@ -38,6 +38,18 @@ _SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
 _WALL_UP_TO = 0.05
 # Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
+# Rooms, and most halls, have no pixels farther than this; outdoors a larger share of pixels is farther.
+_INDOOR_M, _OUTDOOR_FROM = 20.0, 0.02
+# Ratio of the largest to the smallest depth up to which a street or an open ground would not fit.
+_DEPTH_OF_FLAT = 3.0
+# Number of particles in scenes that mostly show other objects. With two to six, views were either empty or full.
+_FLOATING = [12, 40]
+# Ends of ranges of disparity, as quantiles of the wanted distribution: of these particles, of walls, of panels.
+_NEAR, _ROOM_ENDS, _PANELS = (0.4, 0.98), (0.1, 0.4), (0.1, 0.8)
+# Walls and panels must reach this quantile of disparity; else no recipe has them.
+_STILL_UP_TO = 0.9
+# Sides of panels, as fractions of the image's width.
+_PANEL_OF_WIDTH = (0.3, 1.0)
 _CAMERA_KEYS = ("width_px", "height_px", "focal_px", "baseline_m", "cx_left_px", "doffs_px", "cy_px")
 
 
@@ -48,8 +60,8 @@ class Draft:
     Attributes:
         rig: the rig.
         disparity: range and wanted histogram of disparity.
-        sections: the config's values in the YAML's order, before the user's overrides; None for keys to leave out. The
-            last of the ``scenes`` is clutter.
+        sections: the config's values as `rounded` returns them, before the user's overrides; the last of the ``scenes``
+            is clutter.
         overrides: keys that the user sets, as `load_config` takes them.
     """
 
@@ -60,12 +72,7 @@ class Draft:
 
     def config(self) -> Config:
         """Return the config; raises InputError where its numbers make no valid one."""
-        return parse_values(self.values(), f"{self.sections['name']}.yaml", self.overrides)
-
-    def values(self) -> dict[str, Any]:
-        """Return the sections as they are written, with rounded numbers."""
-        values: dict[str, Any] = _rounded(self.sections)
-        return values
+        return parse_values(self.sections, f"{self.sections['name']}.yaml", self.overrides)
 
     def text(self) -> str:
         """Return the config as YAML, below a comment on the calibration."""
@@ -74,7 +81,7 @@ class Draft:
         yaml.indent(mapping=2, sequence=4, offset=2)
         name, source = self.sections["name"], printable(self.rig.source)
         text.write(f"# {name}: written by semisynth-gl calibrate from {source}.\n")
-        for section, values in overridden(self.values(), self.overrides).items():
+        for section, values in overridden(self.sections, self.overrides).items():
             yaml.dump({section: values}, text)
             text.write("\n")
         return text.getvalue().rstrip("\n") + "\n"
@@ -130,7 +137,7 @@ def describe(
         },
         "imperfections": {"blur_px": 0.0},
     }
-    return Draft(rig, disparity, sections, overrides)
+    return Draft(rig, disparity, rounded(sections), overrides)
 
 
 def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:
@@ -169,8 +176,59 @@ def _background(rig: Rig, disparity: DisparityRange) -> dict[str, Any]:
     }
 
 
-def _rounded(value: Any) -> Any:  # noqa: ANN401 - any value of a config
-    """Return a value as YAML shall have it, without keys that are None, and with ranges of equal ends as numbers.
+def is_outdoors(rig: Rig, disparity: DisparityRange) -> bool:
+    """Return whether more than 2 % of the wanted pixels are farther than 20 m.
+
+    A view whose largest depth is less than three times its smallest is indoors: a wall has to close it.
+    """
+    doffs_px = rig.camera.doffs_px
+    if disparity.max_px + doffs_px < _DEPTH_OF_FLAT * (disparity.min_px + doffs_px):
+        return False
+    return float(disparity.target.cumulative(rig.camera.focal_baseline / _INDOOR_M - doffs_px)) > _OUTDOOR_FROM
+
+
+def suitable_recipes(rig: Rig, disparity: DisparityRange) -> list[dict[str, Any]]:
+    """Return the recipes that suit the wanted disparities.
+
+    Recipes of furnished, open and still scenes state their particles as layers, since their walls, ground and panels
+    already lie at the wanted disparities. Where the range is so narrow that walls cannot reach these, there are no such
+    recipes. The last two recipes are solved for the part of the wanted distribution that the others leave.
+    """
+    width_px, doffs_px = rig.camera.width_px, rig.camera.doffs_px
+    # Rounded as in the written config, so that ranges lie within its limits.
+    least, most = (float(f"{limit:.10g}") for limit in (disparity.min_px, disparity.max_px))
+
+    def between(shares: tuple[float, float]) -> list[float]:
+        ends = (float(f"{disparity.target.quantile(share):.3g}") for share in shares)
+        return [min(max(end, least), most) for end in ends]
+
+    particles = {"layers": [{"disparity_px": between(_NEAR), "count": _FLOATING}]}
+    panels = {
+        "panels": [3, 6],
+        "panel_disparity_px": between(_PANELS),
+        "panel_size_px": [float(round(share * width_px)) for share in _PANEL_OF_WIDTH],
+        "panel_slant_deg": [0, 45],
+    }
+    empty = {"cuboid": 0, "plane": 0}
+    room = {**empty, "room": 1, "wall_disparity_px": between(_ROOM_ENDS)}
+    indoor: list[dict[str, Any]] = [
+        {"recipe": "room", "background": room},
+        {"recipe": "bare-room", "background": room, "room": {"furniture": [0, 3], "small": [2, 10]}},
+        {"recipe": "still", "background": {**empty, "cuboid": 1}, "structures": panels},
+    ]
+    outdoor: list[dict[str, Any]] = [
+        {"recipe": "street", "background": {**empty, "street": 1}},
+        {"recipe": "still-outdoors", "background": {**empty, "plane": 1}, "structures": {"ground": 1, **panels}},
+    ]
+    # Walls and panels keep a distance from the near plane.
+    reached = (most + doffs_px) / BEYOND_NEAR - doffs_px >= disparity.target.quantile(_STILL_UP_TO)
+    still = (outdoor if is_outdoors(rig, disparity) else indoor) if reached else []
+    floating: list[dict[str, Any]] = [{"recipe": "sparse", "particles": {"density": "sparse"}}, {"recipe": "clutter"}]
+    return [*(recipe | {"particles": particles} for recipe in still), *floating]
+
+
+def rounded(value: Any) -> Any:  # noqa: ANN401 - any value of a config
+    """Return a config's value as YAML shall have it, without keys that are None, and ranges of equal ends as numbers.
 
     Numbers have ten digits, which is enough for any calibration, and lists of numbers are on one line. Text that is not
     printable is in quotes: without these, a line break of Unicode in a file's name would be read as a space.
@@ -181,14 +239,14 @@ def _rounded(value: Any) -> Any:  # noqa: ANN401 - any value of a config
         case str():
             return value if value.isprintable() else DoubleQuotedScalarString(value)
         case float():
-            rounded = float(f"{value:.10g}") + 0.0
-            return int(rounded) if rounded.is_integer() else rounded
+            number = float(f"{value:.10g}") + 0.0
+            return int(number) if number.is_integer() else number
         case (low, high) if isinstance(value, tuple) and low == high:
-            return _rounded(low)
+            return rounded(low)
         case Mapping():
-            return {key: _rounded(each) for key, each in value.items() if each is not None}
+            return {key: rounded(each) for key, each in value.items() if each is not None}
         case _:
-            made = CommentedSeq(map(_rounded, value))
+            made = CommentedSeq(map(rounded, value))
             if not any(isinstance(each, dict | str) for each in made):
                 made.fa.set_flow_style()
             return made

@@ -9,13 +9,20 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from semisynth_gl.calibration.kinds import COEFFICIENT_WORDS, by_columns, camera_matrix, kind_of, with_parts
-from semisynth_gl.calibration.lenses import checked_coefficients, model_of
-from semisynth_gl.calibration.names import Entry, label_of, words_of
+from semisynth_gl.calibration.entries import (
+    COEFFICIENT_WORDS,
+    Entry,
+    by_columns,
+    camera_matrix,
+    kind_of,
+    label_of,
+    with_parts,
+    words_of,
+)
 from semisynth_gl.calibration.poses import Link, link_of, pose_of, right_from_left
 from semisynth_gl.calibration.sizes import Size, upright
 from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
-from semisynth_gl.frame.raw_camera import LensModel
+from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel
 
 UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 """Metres per unit of a translation, by the unit's name."""
@@ -34,6 +41,18 @@ _SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
 _FALSE = {"", "false", "no", "off", "none", "0.0", "[0.]"}
 # Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
 _WIDE = 2.4
+
+# What tools call the two models of a lens that are read, and other models; letters and digits only.
+_MODELS: Mapping[LensModel, str] = {
+    "radial-tangential": r"plumbbob|rationalpolynomial|(pinhole)?rad(ial)?tan(gential)?8?|(modified)?brown(conrady)?"
+    r"|lensmodel(pinhole|opencv\d+)",
+    "fisheye": r"fisheye|(pinhole)?equi(distant)?|kannalabrandt\d?|kb\d",
+}
+_OTHER_MODELS = (
+    r"omni.*|(ds|eucm)(none)?|(pinhole)?fov|atan|doublesphere|ucm|mei|scaramuzza|ocam"
+    r"|lensmodel(?!pinhole$|opencv\d+$).*"
+)
+_MOST_SKEW = 1e-4
 
 Pair = tuple[Array, Array]
 """An array of the left eye, and one of the right eye."""
@@ -216,14 +235,24 @@ class StereoArrays:
     # --- lenses and sizes ---
 
     def _model(self) -> LensModel | None:
-        names = [each.key for each in self._entries if each.key in {"radtan", "equidistant"}]
+        """Return the stated lens model; raises FormatError for a model that is not read, or for two models."""
+        stated = [each.key for each in self._entries if each.key in {"radtan", "equidistant"}]
         for name, value in self._texts.items():
             words = " ".join(words_of(name))
             if isinstance(value, str) and re.search(r"\b(model|type|lens|distortion|projection)", words):
-                names.append(value)
+                stated.append(value)
             if re.search(r"\b(fisheye|equidistant)\b", words) and str(value).lower() not in _FALSE:
-                names.append("fisheye")
-        return model_of(names)
+                stated.append("fisheye")
+        models: set[LensModel] = set()
+        for text in stated:
+            key = re.sub(r"[^a-z0-9]", "", text.lower()).removeprefix("distortion").removeprefix("camera")
+            if re.fullmatch(_OTHER_MODELS, key):
+                known = "a radial-tangential or equidistant (fisheye) lens"
+                raise FormatError(f"its lens is {text}: calibrate with {known}")
+            models |= {model for model, pattern in _MODELS.items() if re.fullmatch(pattern, key)}
+        if len(models) > 1:
+            raise FormatError("expected lenses of one model, got radial-tangential and fisheye ones")
+        return next(iter(models), None)
 
     def _find_lenses(self, size: Size | None, raw_size: Size | None) -> None:
         """Set the coefficients of both lenses and their model; raises FormatError where they cannot be used."""
@@ -247,7 +276,7 @@ class StereoArrays:
                 "distortion_model, fisheye or radtan, to the file"
             )
         model = model or "radial-tangential"
-        left, right = (checked_coefficients(own, model, k) for own, k in zip(d, self.k, strict=True))
+        left, right = (_coefficients(own, model, k) for own, k in zip(d, self.k, strict=True))
         self.d, self.model = (left, right), model
 
     def _sizes(self) -> tuple[Size | None, Size | None]:
@@ -258,9 +287,8 @@ class StereoArrays:
             if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
                 raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
             if width and height:  # 0 x 0 is OpenCV's unknown size
-                sizes[entry.has("rect")][upright(Size(int(width), int(height)), [*(self.k or ()), *(self.p or ())])] = (
-                    None
-                )
+                size = upright(Size(int(width), int(height)), [*(self.k or ()), *(self.p or ())])
+                sizes[entry.has("rect")][size] = None
         known = [*(sizes[self.p is not None] or sizes[self.p is None])]
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
@@ -288,3 +316,21 @@ def _projections(left: Array, right: Array, baseline: float) -> Pair:
     """Return P (3, 4) of both rectified cameras from K (3, 3) of each and their distance."""
     shift = np.array([[-right[0, 0] * baseline], [0], [0]])
     return np.hstack([left, np.zeros((3, 1))]), np.hstack([right, shift])
+
+
+def _coefficients(d: Array, model: LensModel, k: Array) -> Array:
+    """Return the coefficients (N,) of a lens in as many numbers as OpenCV's model takes; zeros for none.
+
+    Raises FormatError if their number does not fit the model, or if the camera matrix K (3, 3) has skew.
+    """
+    if abs(k[0, 1]) > _MOST_SKEW * k[0, 0]:
+        raise FormatError(f"a camera matrix has a skew of {k[0, 1]:g}: expected [fx 0 cx; 0 fy cy; 0 0 1]")
+    counts = COEFFICIENTS[model]
+    if not d[counts[-1] :].any():  # files may end in zeros that the model has no place for
+        d = d[: counts[-1]] if len(d) else np.zeros(counts[0])
+    if len(d) not in counts:
+        tilt = ": the last two, a tilted sensor's, must be 0" if len(d) == 14 else ""
+        raise FormatError(
+            f"expected {' or '.join(map(str, counts))} coefficients of a {model} lens, got {len(d)}{tilt}"
+        )
+    return d

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.names import LEFT, RIGHT, label_of, last_part, words_of
+from semisynth_gl.calibration.entries import LEFT, RIGHT, label_of, last_part, words_of
 from semisynth_gl.calibration.tree import Array, Name
 
 # What stands for a camera in the name of a pose; anything else is a body, an IMU or the world.

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from semisynth_gl.calibration.entries import camera_matrix
 from semisynth_gl.calibration.finder import Pair, StereoArrays
-from semisynth_gl.calibration.kinds import camera_matrix
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import Array
 from semisynth_gl.config.fields import LARGEST

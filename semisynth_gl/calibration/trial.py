@@ -11,7 +11,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.calibration.draft import TEXELS, Draft
+from semisynth_gl.calibration.draft import TEXELS, Draft, rounded
 from semisynth_gl.config.load import parse_values
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.comparison import Values, unit_of
@@ -43,19 +43,20 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
     the measures of the place's pictures at the `working_width`. The listener hears the number of trial pairs, and each
     finished pair. Raises InputError where inputs cannot be used, and BackendError where OpenGL cannot.
     """
-    values, scenes, wanted = draft.values(), draft.sections["scenes"], draft.disparity.target
+    scenes, disparity, wanted = draft.sections["scenes"], {**draft.sections["disparity"]}, draft.disparity.target
     width_px = draft.rig.camera.width_px
     blur_scale = width_px / working_width(width_px)
     cells = {f"{scene['recipe']}-{k}": (r, k) for r, scene in enumerate(scenes) for k in range(len(TEXELS))}
+    # Recipes without layers get targets of their own: solving them for what a mix lacks takes long.
+    target = {"disparity": {"target": disparity.pop("target")}}
+    own = [{} if "layers" in scene.get("particles", {}) else target for scene in scenes]
     tried = [
-        values["scenes"][r] | {"recipe": name, "textures": {"texels_per_pixel": [*TEXELS[k]]}}
+        scenes[r] | own[r] | {"recipe": name, "textures": {"texels_per_pixel": [*TEXELS[k]]}}
         for name, (r, k) in cells.items()
     ]
-    # Recipes without layers get targets of their own: solving them for what a mix lacks takes long.
-    own = {"disparity": {"target": values["disparity"].pop("target")}}
-    values["scenes"] = [each if "layers" in each.get("particles", {}) else each | own for each in tried]
     # Only what is measured.
-    config = parse_values(values | {"outputs": [], "truth": "left"}, "the trial's config", draft.overrides)
+    sections = draft.sections | {"disparity": disparity, "scenes": tried, "outputs": [], "truth": "left"}
+    config = parse_values(sections, "the trial's config", draft.overrides)
     if {recipe.name for recipe in config.recipes()} != set(cells):
         raise InputError("scenes cannot be set where trial pairs weigh the recipes", argument="overrides")
     shares = np.zeros((len(scenes), len(wanted.shares)))
@@ -73,14 +74,13 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
             trial[recipe][scale].append(_blurred(pair, width_px, blur_scale))
             listener.on_pair(FinishedPair("train", number))
     weights, texels, blur = nearest_mix(trial, shares, wanted.shares, place)
+    weighed = zip(scenes, weights.tolist(), strict=True)
     look = {
-        "scenes": [
-            scene | {"weight": weight} for scene, weight in zip(scenes, weights.tolist(), strict=True) if weight
-        ],
+        "scenes": [scene | {"weight": weight} for scene, weight in weighed if weight],
         "textures": draft.sections["textures"] | {"texels_per_pixel": TEXELS[texels]},
         "imperfections": {"blur_px": float(f"{BLURS[blur] * blur_scale:.2g}")},
     }
-    return replace(draft, sections=draft.sections | look)
+    return replace(draft, sections=rounded(draft.sections | look))
 
 
 def _blurred(pair: Pair, width_px: int, blur_scale: float) -> Floats:

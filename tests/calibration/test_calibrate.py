@@ -16,8 +16,7 @@ from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.disparity_range import chosen_range, disparity_range, measured_range
-from semisynth_gl.calibration.draft import describe
-from semisynth_gl.calibration.recipes import is_outdoors
+from semisynth_gl.calibration.draft import describe, is_outdoors
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range, load_config

@@ -137,5 +137,5 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
             assert [each[0, 0] for each in of_scale] == [first, first + 1, first + 2]
     # Recipes without weight go, and the blur is scaled from the working width to the rig's.
     assert after.sections["scenes"] == [scenes[0] | {"weight": 0.25}, scenes[1] | {"weight": 0.75}]
-    assert after.sections["textures"] == before.sections["textures"] | {"texels_per_pixel": TEXELS[1]}
+    assert after.sections["textures"] == before.sections["textures"] | {"texels_per_pixel": [*TEXELS[1]]}
     assert after.sections["imperfections"]["blur_px"] == pytest.approx(BLURS[3] * 741 / working_width(741), rel=0.05)
