@@ -211,13 +211,13 @@ class StereoArrays:
         if of is not None and (baseline := self._baseline(float(of[0][0, 0]))) is not None:
             if raw is None and any(each.value.any() for each in self._of("D").values()):
                 self.notes.append("D was left out: with a baseline and without R, images are taken to be rectified")
-            self.p, self.k = _projections(*of, baseline), raw
+            self.p, self.k = projections(*of, baseline), raw
         elif "Q" in self._found:
             q = self._found["Q"][0].value
             focal_px, cx_left, cy = q[2, 3], -q[0, 3], -q[1, 3]
             # Q's last row ends in -1 / Tx and (cx - cx') / Tx.
             left, right = (camera_matrix(focal_px, focal_px, cx, cy) for cx in (cx_left, cx_left + q[3, 3] / q[3, 2]))
-            self.p = _projections(left, right, abs(1 / q[3, 2]))
+            self.p = projections(left, right, abs(1 / q[3, 2]))
 
     def _baseline(self, focal_px: float) -> float | None:
         """Return a stated baseline in the file's unit: it, its product with the focal length, or a number alone."""
@@ -312,7 +312,7 @@ def _unlikeliness(found: tuple[Entry, str, Array]) -> tuple[bool, bool, int]:
     return entry.has(_DERIVED) == (kind in "KD"), is_vector, len(entry.name)
 
 
-def _projections(left: Array, right: Array, baseline: float) -> Pair:
+def projections(left: Array, right: Array, baseline: float) -> Pair:
     """Return P (3, 4) of both rectified cameras from K (3, 3) of each and their distance."""
     shift = np.array([[-right[0, 0] * baseline], [0], [0]])
     return np.hstack([left, np.zeros((3, 1))]), np.hstack([right, shift])

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from semisynth_gl.calibration.entries import camera_matrix
-from semisynth_gl.calibration.finder import Pair, StereoArrays
+from semisynth_gl.calibration.finder import Pair, StereoArrays, projections
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import Array
-from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
@@ -22,8 +21,6 @@ _SAME_FOCAL = 1e-4
 _SAME_CY_PX = 0.05
 # Largest distance of a rectified right camera from the x axis, as a fraction of the baseline; KITTI's is off by 0.5 %.
 _OFF_BASELINE = 0.01
-# Largest entry of a projection matrix: the product of a focal length and a baseline.
-_LARGEST_ENTRY = LARGEST**2
 # Tangent of half the angle that the width of a fisheye's rectified images takes at most by default, 100 degrees: wider,
 # OpenCV would shrink the middle.
 _WIDEST_FISHEYE = math.tan(math.radians(50))
@@ -110,11 +107,9 @@ def _stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> tu
     r1, r2, p1, p2, *_ = rectify(k[0], d[0], k[1], d[1], tuple(size), turn, shift_m, flags=flags, **chosen)
     least_focal_px = size.width_px / 2 / _WIDEST_FISHEYE
     if alpha is None and fisheye and p1[0, 0] < least_focal_px:
-        baseline_m = p2[0, 3] / p2[0, 0]
-        p1[:2, :3] = least_focal_px * np.eye(2, 3)
-        p1[:2, 2] = (np.array(size) - 1) / 2
-        p2 = p1.copy()
-        p2[0, 3] = baseline_m * p2[0, 0]
+        centre = ((side - 1) / 2 for side in size)
+        centred = camera_matrix(least_focal_px, least_focal_px, *centre)
+        p1, p2 = projections(centred, centred, -p2[0, 3] / p2[0, 0])
     return (p1, p2), (r1, r2)
 
 
@@ -124,21 +119,19 @@ def _baseline_m(left: Array, right: Array) -> float:
     Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only.
     """
     (fx, *_), (_, fy, cy, _), _ = left.tolist()
-    if not (np.abs((left, right)) <= _LARGEST_ENTRY).all() or min(fx, fy) <= 0:  # written so that nan fails too
-        raise InputError(f"the projection matrices hold {left.tolist()} and {right.tolist()}: expected usable numbers")
-    off = [np.abs(matrix[:, :3] - camera_matrix(fx, fy, matrix[0, 2], cy)) for matrix in (left, right)]
-    is_rectified = all(
-        (each <= [[_SAME_FOCAL * fx] * 3, [_SAME_FOCAL * fx] * 2 + [_SAME_CY_PX], [_SAME_FOCAL] * 3]).all()
-        for each in off
+    refusal = InputError(
+        f"is not rectified: the projection matrices are {left.tolist()} and {right.tolist()}. Rectify first "
+        "(OpenCV: stereoRectify), and give the calibration of the rectified images"
     )
+    largest = [[_SAME_FOCAL * fx] * 3, [_SAME_FOCAL * fx] * 2 + [_SAME_CY_PX], [_SAME_FOCAL] * 3]
+    off = [np.abs(matrix[:, :3] - camera_matrix(fx, fy, matrix[0, 2], cy)) for matrix in (left, right)]
+    if not (min(fx, fy) > 0 and (off <= np.array(largest)).all()):  # written so that nan fails too
+        raise refusal
     # Translations t, metres; their difference is the right camera's position.
     left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
     baseline_m, down_m, forward_m = map(float, left_m - right_m)
-    if not is_rectified or np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
-        raise InputError(
-            f"is not rectified: the projection matrices are {left.tolist()} and {right.tolist()}. Rectify first "
-            "(OpenCV: stereoRectify), and give the calibration of the rectified images"
-        )
+    if np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
+        raise refusal
     if baseline_m == 0:
         raise InputError("the baseline is 0 m: expected one above 0")
     if baseline_m < 0:

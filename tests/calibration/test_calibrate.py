@@ -42,15 +42,6 @@ def photographs(folder, count=1, size=(741, 500), start=0, channels=3):
     return folder
 
 
-def test_scaling_keeps_rays():
-    camera = StereoCamera(2964, 2000, 3979.911, 0.193001, 1244.772, 1369.115, 1019.507, fy_over_fx=1.01)
-    rig = Rig(camera, "x").scaled(0.25)
-    assert rig.size == (741, 500)
-    assert (rig.camera.doffs_px, rig.camera.fy_over_fx) == pytest.approx((124.343 / 4, 1.01))
-    # The corner of the image stays where it was.
-    np.testing.assert_allclose(camera.rays("left", -0.5, -0.5), rig.camera.rays("left", -0.5, -0.5), rtol=1e-12)
-
-
 @pytest.mark.parametrize(("ratio", "written"), [(1.0, None), (1 + 9e-7, None), (1 - 2e-6, 1 - 2e-6), (1.2, 1.2)])
 def test_a_config_gets_both_focal_lengths_unless_they_differ_by_rounding(ratio, written):
     camera = parse_config(draft(Rig(replace(CAMERA, fy_over_fx=ratio), "x"), chosen_range(2, 60)).text()).camera
