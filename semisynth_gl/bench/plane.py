@@ -1,7 +1,6 @@
 """A slanted plane, rendered and compared with its equation: the quickest measurement of a renderer's accuracy."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.render.backends import Backend
@@ -17,14 +16,9 @@ def plane_error_px(backend: Backend) -> float:
         BackendError: where OpenGL cannot be used.
     """
     camera = StereoCamera(320, 240, 400.0, 0.2, 155.5, 163.5, 119.5)
-    normal = np.array([0.3, -0.2, 1.0])  # the plane normal . p = 2 m
-    corner, along_x, along_y = np.array([-9.0, -9.0]), np.array([18.0, 0.0]), np.array([0.0, 18.0])
-
-    def lifted(xy: NDArray[np.float64], height: float) -> list[float]:
-        return [*xy, (height - normal[:2] @ xy) / normal[2]]
-
-    matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 3] = lifted(along_x, 0), lifted(along_y, 0), lifted(corner, 2.0)
+    # The plane normal . p = 2 m, above the square from (-9, -9) to (9, 9).
+    normal, matrix = np.array([0.3, -0.2, 1.0]), np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 3] = (18, 0, 18 * -0.3), (0, 18, 18 * 0.2), (-9, -9, 2 + 9 * 0.3 - 9 * 0.2)
     layers = np.full((1, 8, 8, 4), 255, np.uint8)
     with Renderer([FACE], layers, backend=backend) as renderer:
         frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[0]))
