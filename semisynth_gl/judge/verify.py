@@ -1,7 +1,7 @@
 """Read a dataset back, with nothing but its files, and report its faults."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from os import PathLike
@@ -23,6 +23,7 @@ from semisynth_gl.judge.matching import check_frames, check_masks, check_views
 from semisynth_gl.judge.rays import check_rays
 from semisynth_gl.judge.single_view import check_calibration, check_view
 from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.seeds.spread import spread
 
 RAYED_PAIRS = 4
@@ -67,6 +68,8 @@ def verify(
 ) -> Verification:
     """Read a dataset back, and compare its files with each other, with the index and with the shards' records.
 
+    The verdict on a shard's first pair also has the findings about the shard.
+
     Args:
         dataset: a folder, or an address that fsspec knows.
         rays: number of pairs, evenly spread, whose scenes are rebuilt and compared with float64 rays; by default 4, or
@@ -81,43 +84,15 @@ def verify(
     """
     pixels, listener = to_whole("pixels", pixels, least=1), listener or Listener()
     index = read_index(dataset)
-    made, no_rays = index.made, None
+    made = index.made
     if made is None:
         raise InputError(f"{index.address}: {index.fault}")
-    total = sum(made.pairs.values())
-    rayed = frozenset(spread(total, RAYED_PAIRS if rays is None else to_whole("rays", rays, least=0)))
-    if rays is None and made.version != metadata.version("semisynth-gl"):
-        # Another version may sample other scenes.
-        rayed, no_rays = frozenset(), f"version {made.version} made the dataset"
-    try:
-        scenes = {split: RebuiltScenes(index, split) for split in made.pairs} if rayed else {}
-    except InputError as error:
-        if rays is not None:
-            raise
-        rayed, no_rays, scenes = frozenset(), str(error), {}
-    listener.on_total(total)
-    verdicts = list[Verdict]()
-    for verdict, pair, frame in _read_pairs(index, made):
-        if pair is not None and frame is not None and len(verdicts) - 1 in rayed:
-            check_rays(frame, scenes[pair.split], pixels, verdict)
-        for finding in verdict.findings:
-            on_finding(finding)
-        if pair is not None:
-            listener.on_pair(pair)
-        verdicts.append(verdict)
-    return Verification(total, verdicts, no_rays)
-
-
-def _read_pairs(index: StoredIndex, made: Index) -> Iterator[tuple[Verdict, FinishedPair | None, StoredFrame | None]]:
-    """Check a dataset: yield a verdict on the dataset itself, and then one on each pair, in the order of the shards.
-
-    A pair comes with its frame, None where it cannot be read. The verdict on a shard's first pair also has the findings
-    about the shard.
-    """
-    verdict = Verdict(DATASET)
-    check_index(index, verdict)
-    yield verdict, None, None
-    recent: deque[StoredFrame | None] = deque(maxlen=made.views)
+    rayed, scenes, no_rays = _scenes_for_rays(index, made, rays)
+    verdicts, recent = [Verdict(DATASET)], deque[StoredFrame | None](maxlen=made.views)
+    check_index(index, verdicts[0])
+    for finding in verdicts[0].findings:
+        on_finding(finding)
+    listener.on_total(sum(made.pairs.values()))
     for shard, entry in zip(made.shards, made.shard_entries, strict=True):
         record = None
         for number in range(shard.first, shard.end):
@@ -130,8 +105,31 @@ def _read_pairs(index: StoredIndex, made: Index) -> Iterator[tuple[Verdict, Fini
                 is_next = number // made.views % made.config.sequence.length > 0 and len(recent) == made.views
                 # With V views a scene, the same view of the previous frame was V pairs ago: the oldest of `recent`.
                 _check_frame(frame, recent[0] if is_next else None, index, verdict)
+                if len(verdicts) - 1 in rayed:
+                    check_rays(frame, scenes[shard.split], pixels, verdict)
             recent.append(frame)
-            yield verdict, FinishedPair(shard.split, number), frame
+            verdicts.append(verdict)
+            for finding in verdict.findings:
+                on_finding(finding)
+            listener.on_pair(FinishedPair(shard.split, number))
+    return Verification(len(verdicts) - 1, verdicts, no_rays)
+
+
+def _scenes_for_rays(
+    index: StoredIndex, made: Index, rays: int | None
+) -> tuple[frozenset[int], dict[SplitName, RebuiltScenes], str | None]:
+    """Return the positions of the pairs to compare with rays, each split's scenes, and why none are compared."""
+    if rays is None and made.version != metadata.version("semisynth-gl"):
+        # Another version may sample other scenes.
+        return frozenset(), {}, f"version {made.version} made the dataset"
+    count = RAYED_PAIRS if rays is None else to_whole("rays", rays, least=0)
+    rayed = frozenset(spread(sum(made.pairs.values()), count))
+    try:
+        return rayed, {split: RebuiltScenes(index, split) for split in made.pairs if rayed}, None
+    except InputError as error:
+        if rays is not None:
+            raise
+        return frozenset(), {}, str(error)
 
 
 # Arrays hold inf or NaN where nothing is known, and no check judges values that are computed from these.
