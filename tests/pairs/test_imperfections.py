@@ -1,19 +1,22 @@
-"""Imperfections of the rig, and checks that make a pair be drawn again."""
+"""Imperfections of the rig, motion blur, and checks that make a pair be drawn again."""
 
 import io
 import json
 from functools import partial
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
+from scenes import assert_equal
 from tiny_datasets import EYE, cheap, with_lens
 
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs import pipeline
+from semisynth_gl.pairs.cameras import moments
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, sample_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
@@ -21,45 +24,31 @@ from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.crops import least_texture
 
 
-def image(seed=0):
-    return np.random.default_rng(seed).integers(0, 256, (60, 80, 3), dtype=np.uint8)
-
-
 def applied(picture, point=None, **values):
     return apply_imperfections(picture, Imperfections(**values), np.random.default_rng(1), point)
 
 
-LEVELS = np.tile(np.arange(256, dtype=np.uint8)[:, None, None], (1, 2, 3))
-
-
 def plain(picture, drawn, rng):
-    """All imperfections but the blur by their formulas, on the whole image at once."""
-    values = picture.astype(np.float32) * np.float32(2.0**drawn.exposure_stops)
+    """Exposure, white balance, noise and gamma by their formulas, on the whole image at once."""
+    red, blue = drawn.white_balance if picture.ndim == 3 else (0, 0)
+    gains = 2.0 ** (drawn.exposure_stops + np.array([red, 0, blue] if picture.ndim == 3 else [0]))
+    values = (picture.reshape(*picture.shape[:2], -1) * gains.astype(np.float32)).astype(np.float32)
     if drawn.noise > 0:
         values += rng.standard_normal(values.shape, np.float32) * np.float32(drawn.noise)
     values = np.clip(values, 0, 255)
     if drawn.gamma != 1:
         values = 255 * (values / 255) ** np.float32(drawn.gamma)
-    return np.rint(values).astype(np.uint8)
+    return np.rint(values).astype(np.uint8).reshape(picture.shape)
 
 
-@pytest.mark.parametrize("shape", [(301, 443, 3), (3, 50_000, 3)])
+@pytest.mark.parametrize("shape", [(301, 443, 3), (3, 50_000, 3), (301, 443)])
 def test_blocks_and_levels_give_the_bytes_of_the_whole_image(shape):
     picture = np.random.default_rng(4).integers(0, 256, shape, dtype=np.uint8)
-    for exposure_stops in (0.0, 0.31):
-        for noise in (0.0, 2.7):
-            for gamma in (1.0, 0.5):
-                drawn = Imperfections(exposure_stops=exposure_stops, noise=noise, gamma=gamma)
-                ours, theirs = np.random.default_rng(7), np.random.default_rng(7)
-                np.testing.assert_array_equal(apply_imperfections(picture, drawn, ours), plain(picture, drawn, theirs))
-                assert ours.random() == theirs.random()
-
-
-def test_noise_has_its_standard_deviation_and_no_bias():
-    grey = np.full((200, 200, 3), 128, np.uint8)
-    difference = applied(grey, noise=6.0).astype(float) - 128
-    assert abs(difference.mean()) < 0.1
-    assert difference.std() == pytest.approx(6, rel=0.02)
+    for stops, balance, noise, gamma in product((0.0, 0.31), ((0.0, 0.0), (0.5, -1.0)), (0.0, 2.7), (1.0, 0.5)):
+        drawn = Imperfections(exposure_stops=stops, white_balance=balance, noise=noise, gamma=gamma)
+        ours, theirs = np.random.default_rng(7), np.random.default_rng(7)
+        np.testing.assert_array_equal(apply_imperfections(picture, drawn, ours), plain(picture, drawn, theirs))
+        assert ours.random() == theirs.random()
 
 
 def test_blur_spreads_a_point_evenly():
@@ -70,14 +59,6 @@ def test_blur_spreads_a_point_evenly():
     assert abs((blurred * x).sum()) / blurred.sum() < 0.05
     assert blurred.sum() == pytest.approx(255, rel=0.15)
     assert np.sqrt((blurred * x**2).sum() / blurred.sum()) == pytest.approx(1.5, rel=0.2)
-
-
-def test_white_balance_scales_red_and_blue():
-    scaled = applied(LEVELS, white_balance=(0.5, -1.0), exposure_stops=-0.25)[:, 0]
-    for channel, stops in enumerate((0.25, -0.25, -1.25)):
-        expected = np.clip(np.arange(256) * 2.0**stops, 0, 255)
-        assert np.abs(scaled[:, channel] - expected).max() <= 0.5001
-    assert applied(LEVELS[..., 0], white_balance=(0.5, -1.0)).tolist() == LEVELS[..., 0].tolist()
 
 
 def test_vignetting_is_the_fourth_power_of_a_cosine():
@@ -111,11 +92,31 @@ def test_sharpening_adds_what_a_gaussian_takes_from_the_luminance(shape):
 
 
 def test_jpeg_is_pillows():
-    for picture in (image(), image()[..., 1], np.zeros((1, 1, 3), np.uint8)):
-        for quality in (1, 60, 100):
-            data = io.BytesIO()
-            Image.fromarray(picture).save(data, "JPEG", quality=quality, subsampling=2)
-            np.testing.assert_array_equal(applied(picture, jpeg_quality=quality), np.asarray(Image.open(data)))
+    image = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    for picture, quality in product((image, image[..., 1], image[:1, :1]), (1, 60, 100)):
+        data = io.BytesIO()
+        Image.fromarray(picture).save(data, "JPEG", quality=quality, subsampling=2)
+        np.testing.assert_array_equal(applied(picture, jpeg_quality=quality), np.asarray(Image.open(data)))
+
+
+@pytest.mark.parametrize(("count", "colour"), [(2, "rgb"), (7, "grey")])
+def test_an_exposure_is_the_mean_of_its_moments_rounded_once(count, colour):
+    moving = {"camera": {"sway_m": 0.03, "colour": colour}, "sequence": {"length": 3, "frame_s": 0.1}}
+    blurred = cheap(**moving, imperfections={"motion_blur": [0.4, 1], "sub_frames": count})
+    with PairRenderer(cheap(**moving), 0) as before, PairRenderer(blurred, 0) as after:
+        for index in (1, 3):
+            sharp, pair = before.render(index).frame, after.render(index)
+            drawn = pair.provenance["imperfections"]
+            assert drawn["left"] == drawn["right"]
+            share = drawn["left"]["motion_blur"]
+            assert 0.4 <= share <= 1
+            sampled = before.sampler.sample(index)
+            frames = [before.renderer.render(sampled.moment(time)) for time in moments(share, count)]
+            for eye in EYES:
+                mean = np.rint(np.mean([frame.view(eye).image for frame in frames], axis=0))
+                assert not np.array_equal(mean, sharp.view(eye).image)
+                for name, array in pair.frame.view(eye).items():
+                    np.testing.assert_array_equal(array, mean if name == "image" else sharp.view(eye)[name])
 
 
 FURTHER = {
@@ -166,27 +167,6 @@ def test_a_further_key_shifts_no_other_draw():
         assert first.items() <= one.items() <= all_.items()
 
 
-def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
-    config = cheap()
-    with PairRenderer(config, 0) as pairs:
-        before = [pairs.render(index) for index in range(4)]
-    assert all("redrawn" not in pair.provenance for pair in before)
-    marked = before[2].frame.left.image
-
-    def fussy(frame, _config, _sampled):
-        return ["too something: 3 of 4"] if np.array_equal(frame.left.image, marked) else []
-
-    monkeypatch.setattr(pipeline, "faults", fussy)
-    with PairRenderer(config, 0) as pairs:
-        after = [pairs.render(index) for index in range(4)]
-        alone = pairs.render(2)
-    for index in (0, 1, 3):
-        np.testing.assert_array_equal(before[index].frame.left.image, after[index].frame.left.image)
-    assert not np.array_equal(after[2].frame.left.image, marked)
-    np.testing.assert_array_equal(after[2].frame.left.image, alone.frame.left.image)
-    assert after[2].provenance["redrawn"] == ["too something: 3 of 4"]
-
-
 # Turns by which the left camera sees a part of the view alone.
 ASIDE = {"left": EYE | {"rotation_deg": [0, 18, 0]}}
 
@@ -201,8 +181,6 @@ ASIDE = {"left": EYE | {"rotation_deg": [0, 18, 0]}}
     ids=str,
 )
 def test_checks_judge_what_is_written(changes, fault):
-    if "lens" in changes:
-        pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
     make = with_lens if "lens" in changes else cheap
     config = make(**changes | {"checks": {"attempts": 2} | changes.get("checks", {})})
     with PairRenderer(config, 0) as pairs:
@@ -221,33 +199,34 @@ def test_noise_does_not_stand_for_texture():
         render_pair(between, 0)
 
 
-@pytest.mark.parametrize("views", [1, 2])
-def test_a_pair_that_its_cameras_spoil_is_drawn_again(monkeypatch, views):
+@pytest.mark.parametrize(("views", "spoilt"), [(1, "scene"), (1, "image"), (2, "image")])
+def test_a_pair_that_fails_is_drawn_again_from_a_sub_seed(monkeypatch, views, spoilt):
     """The next attempt has the same lens and imperfections, and each pair that passes is what it is without checks."""
-    pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
     camera = {} if views == 1 else {"baselines": 2, "baseline_m": [0.1, 0.2]}
-    config, written = with_lens(imperfections={"noise": 3}, camera=camera), []
+    config, judged = with_lens(imperfections={"noise": 3}, camera=camera), []
 
     def fussy(frame, _config, sampled=None):
-        if sampled is not None:
+        if (sampled is None) == (spoilt == "scene"):
             return []
-        written.append(frame)
-        return ["too something: 3 of 4"] if len(written) == views else []
+        judged.append(frame)
+        marked = plain[views - 1].frame.right.disparity
+        return ["too something: 3 of 4"] if np.array_equal(frame.right.disparity, marked) else []
 
+    with PairRenderer(config, 0) as pairs:
+        plain = [pairs.render(number, checked=False) for number in range(2 * views)]
     monkeypatch.setattr(pipeline, "faults", fussy)
     with PairRenderer(config, 0) as pairs:
         made = [pairs.render(number) for number in range(2 * views)]
-    with PairRenderer(config, 0) as pairs:
-        plain = [pairs.render(number, checked=False) for number in range(2 * views)]
+        assert_equal(pairs.render(0).frame, made[0].frame)
     for number, (pair, unchecked) in enumerate(zip(made, plain, strict=True)):
         again = number < views
-        expected = ["too something: 3 of 4, after lens and imperfections"] if again else None
+        expected = ["too something: 3 of 4" + ", after lens and imperfections" * (spoilt == "image")] if again else None
         assert pair.provenance.get("redrawn") == expected
         assert np.array_equal(pair.frame.left.image, unchecked.frame.left.image) != again
         for key in ("lens", "imperfections"):
             assert pair.provenance[key] == unchecked.provenance[key]
-        for eye in EYES:
-            np.testing.assert_array_equal(pair.frame.view(eye).image, written[views + number].view(eye).image)
+        for eye in EYES if spoilt == "image" else ():
+            np.testing.assert_array_equal(pair.frame.view(eye).image, judged[views + number].view(eye).image)
 
 
 def stated_faults(frame, config, everywhere, least_px):
