@@ -297,6 +297,7 @@ def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights,
     own = [replace(cube, name=f"{number}.obj") for number in range(count)]
     # Reading files takes a process; tests/geometry/test_geometry_model_files.py reads them.
     monkeypatch.setattr(model_files, "load_models", lambda _: (own, []))
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
     few = dict.fromkeys([*SIMPLE_KINDS, *COMPLEX_KINDS], 0) | {"cube": 1, "table": 1}
     keys = {"variants": 1, "folders": ["absent"], "kinds": few} | weights
     section = load_config("middlebury", {f"models.{key}": value for key, value in keys.items()}).models
