@@ -8,19 +8,11 @@ from collections.abc import Callable, Iterator
 import pytest
 
 
-def browser_fault():
-    try:
-        import selenium  # noqa: F401
-    except ImportError:
-        return "selenium is not installed"
-    missing = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
-    return f"no {' and no '.join(missing)} here (tools/browser-packages.sh brings them)" if missing else None
-
-
 def open_browser() -> Iterator:
     """Yield a driver of the browser; skip where there is none, unless CI says that it must be there."""
-    fault = browser_fault()
-    if fault:
+    missing = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
+    if missing:
+        fault = f"no {' and no '.join(missing)} here (tools/browser-packages.sh brings them)"
         if os.environ.get("SEMISYNTH_GL_EXPECT_BROWSER"):
             pytest.fail(f"a browser was expected here: {fault}")
         pytest.skip(fault)

@@ -1,6 +1,5 @@
 """Fixtures that several test modules share."""
 
-import gc
 import logging
 import os
 import signal
@@ -10,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from announcements import without_announcements
 from backends import backend_fault
 from hypothesis import HealthCheck, seed, settings
+from processes import without_announcements
 from scenes import SQUARE
 
 from semisynth_gl.cli import main
@@ -62,17 +61,6 @@ def one_thread() -> Generator[None]:
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
-    """Look for no garbage while a million objects are made that stay: it takes a quarter of the time."""
-    gc.disable()
-    try:
-        return (yield)
-    finally:
-        gc.freeze()
-        gc.enable()
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -1,6 +1,8 @@
 """What tests measure of meshes, independently of how they were built."""
 
 import numpy as np
+from trimesh import Trimesh
+from trimesh.graph import connected_component_labels
 
 from semisynth_gl.geometry.mesh import Mesh
 
@@ -32,64 +34,43 @@ def jacobians(mesh: Mesh) -> np.ndarray:
 
 def areas(mesh: Mesh) -> np.ndarray:
     """(T,) areas of the triangles."""
-    corners = mesh.positions.astype(float)[mesh.triangles]
-    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    return Trimesh(mesh.positions, mesh.triangles, process=False).area_faces
 
 
-def welded(mesh: Mesh) -> np.ndarray:
-    """(T, 3) triangles whose vertices are one where their positions are equal."""
+def surface(mesh: Mesh) -> Trimesh:
+    """The surface alone: vertices whose positions are equal are one."""
     grid = np.round(mesh.positions.astype(float) / (1e-5 * np.abs(mesh.positions).max())).astype(np.int64)
-    _, vertex = np.unique(grid, axis=0, return_inverse=True)
-    return vertex.ravel()[mesh.triangles]
-
-
-def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number of each directed edge's undirected one, and its sense."""
-    directed = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    _, number = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)
-    return number.ravel(), np.where(directed[:, 0] < directed[:, 1], 1, -1)
+    _, first, vertex = np.unique(grid, axis=0, return_index=True, return_inverse=True)
+    return Trimesh(mesh.positions[first], vertex.ravel()[mesh.triangles], process=False)
 
 
 def edge_balance(mesh: Mesh) -> int:
     """How many edges are not run through as often in one sense as in the other; 0 for a closed, oriented surface."""
-    number, sense = _edges(welded(mesh))
-    return int((np.bincount(number, sense) != 0).sum())
+    bare = surface(mesh)
+    sense = np.where(bare.edges[:, 0] < bare.edges[:, 1], 1, -1)
+    return int((np.bincount(bare.edges_unique_inverse, sense) != 0).sum())
 
 
 def edge_sharing(mesh: Mesh) -> np.ndarray:
     """(E,) how many triangles share each edge; 2 of all edges for a closed surface without pinches."""
-    return np.bincount(_edges(welded(mesh))[0])
+    return np.bincount(surface(mesh).edges_unique_inverse)
 
 
 def euler_characteristic(mesh: Mesh) -> int:
     """Vertices - edges + faces; 2 - 2 * handles for one closed surface."""
-    triangles = welded(mesh)
-    return len(np.unique(triangles)) - len(np.unique(_edges(triangles)[0])) + len(triangles)
+    return surface(mesh).euler_number
 
 
 def volume(mesh: Mesh) -> float:
     """Volume inside a closed surface, positive where its normals point outwards."""
-    corners = mesh.positions.astype(float)[mesh.triangles]
-    return float((corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6)
+    return Trimesh(mesh.positions, mesh.triangles, process=False).volume
 
 
 def components(mesh: Mesh) -> list[Mesh]:
     """Connected parts, by position."""
-    triangles = welded(mesh)
-    label = np.arange(triangles.max() + 1)
-    while True:
-        lowest = label[triangles].min(axis=1)
-        spread = label.copy()
-        for corner in range(3):
-            np.minimum.at(spread, triangles[:, corner], lowest)
-        spread = spread[spread]
-        if (spread == label).all():
-            break
-        label = spread
-    of_triangle = label[triangles[:, 0]]
-    return [
-        Mesh(mesh.name, mesh.positions, mesh.uv, mesh.triangles[of_triangle == part]) for part in np.unique(of_triangle)
-    ]
+    bare = surface(mesh)
+    part = connected_component_labels(bare.edges)[bare.faces[:, 0]]
+    return [Mesh(mesh.name, mesh.positions, mesh.uv, mesh.triangles[part == each]) for each in np.unique(part)]
 
 
 def crossings(mesh: Mesh, origin: np.ndarray, direction: np.ndarray) -> int:

@@ -1,5 +1,6 @@
-"""Other processes, as tests see them."""
+"""Other processes, and what the program prints, as tests see them."""
 
+import re
 import time
 from pathlib import Path
 
@@ -20,3 +21,8 @@ def wait_for(condition):
     while not condition():
         assert time.monotonic() < until
         time.sleep(0.02)
+
+
+def without_announcements(stderr):
+    """Leave out what is said of the work ahead, which depends on what earlier tests left in the cache."""
+    return re.sub(r"^making .+\n", "", stderr, flags=re.MULTILINE)

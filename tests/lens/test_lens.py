@@ -83,23 +83,23 @@ def test_a_lens_that_does_nothing_leaves_each_bit(shape):
         np.testing.assert_array_equal(chain.rectify(image), image)
 
 
-@pytest.mark.parametrize("fy_over_fx", [1.0, 1.1])
+@pytest.mark.parametrize(("fy_over_fx", "density"), [(1.0, 1), (1.1, 1), (1.1, 1.5)])
 @pytest.mark.parametrize("name", LENSES)
-def test_the_raw_image_is_what_its_rays_meet(name, fy_over_fx):
+def test_the_raw_image_is_what_its_rays_meet(name, fy_over_fx, density):
     raw = raw_camera(name)
     chain = LensChain(raw, replace(CAMERA, fy_over_fx=fy_over_fx), "left", "black")
 
     def colours(x, y):
         return 120 + 60 * np.sin(x / 9) + 50 * np.cos(y / 7 + x / 30)
 
-    y, x = np.mgrid[:120, :160].astype(float)
-    found = chain.raw_image(np.rint(colours(x, y)).astype(np.uint8), 1)
+    y, x = (np.mgrid[: 120 * density, : 160 * density] + 0.5) / density - 0.5
+    found = chain.raw_image(np.rint(colours(x, y)).astype(np.uint8), density)
     assert found.shape == (150, 200)
     v, u = np.mgrid[:150, :200].astype(float)
     at = raw.rectified(chain.pinhole, u, v)
     inside = (at[0] > 1) & (at[0] < 158) & (at[1] > 1) & (at[1] < 118)
     assert inside.sum() > 10_000
-    assert np.abs(found - colours(*at))[inside].max() < 3
+    assert np.abs(found - colours(*at))[inside].max() < 1.5
     assert abs((found - colours(*at))[inside].mean()) < 0.2
 
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
-from announcements import without_announcements
 from backends import backend_fault
 from click.testing import CliRunner
 from config_texts import parse_config
 from heavy import heavy
 from PIL import Image
+from processes import without_announcements
 from snippets import PAGES, blocks
 from tiny_datasets import cheap
 
