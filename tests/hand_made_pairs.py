@@ -26,16 +26,17 @@ def make_view(rng, index, side):
     disparity = (rng.integers(1, 30, (height, width)) + rng.uniform(0.2, 0.3, (height, width))).astype(np.float32)
     disparity[rng.random((height, width)) < 0.1] = np.inf
     disparity[4, 4] = index + (1.25 if side == "left" else 101.25)
-    column = np.arange(width) + (-disparity if side == "left" else disparity)
-    inside = np.isfinite(disparity) & (column >= -0.5) & (column < width - 0.5)
-    mask = np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
-    depth = np.where(np.isfinite(disparity), CAMERA.depth_m(disparity), np.inf).astype(np.float32)
-    channels = {"image": image, "disparity": disparity, "visibility": mask, "depth": depth}
     along = np.where(np.isfinite(disparity), -disparity if side == "left" else disparity, INF)
-    channels["correspondence"] = np.stack([along, np.where(np.isfinite(disparity), np.float32(0), INF)], axis=2)
+    ways = np.stack([along, np.where(np.isfinite(disparity), np.float32(0), INF)], axis=2)
+    channels = {"image": image, "disparity": disparity, "visibility": mask_of(rng, ways), "correspondence": ways}
+    channels["depth"] = np.where(np.isfinite(disparity), CAMERA.depth_m(disparity), np.inf).astype(np.float32)
     channels["instances"] = rng.integers(0, 9, (height, width), np.uint16)
     for kind in ("flow", "flow_backward"):
-        channels[kind], channels[f"{kind}_visibility"] = flow_of(rng)
+        # Never where rounding decides whether a point leaves the image.
+        flow = rng.integers(-20, 20, (height, width, 2)) + rng.uniform(0.2, 0.3, (height, width, 2))
+        flow[rng.random((height, width)) < 0.1] = np.inf
+        channels[kind] = flow.astype(np.float32)
+        channels[f"{kind}_visibility"] = mask_of(rng, channels[kind])
     change = rng.normal(0, 3, (height, width)).astype(np.float32)
     channels["disparity_change"] = np.where(np.isfinite(disparity), change, INF)
     normals = rng.normal(size=(height, width, 3))
@@ -48,28 +49,23 @@ def make_view(rng, index, side):
     return View(channels)
 
 
-def flow_of(rng):
-    """Flow, and a mask that goes with it."""
-    height, width = CAMERA.height_px, CAMERA.width_px
-    # Never where rounding decides whether a point leaves the image.
-    flow = (rng.integers(-20, 20, (height, width, 2)) + rng.uniform(0.2, 0.3, (height, width, 2))).astype(np.float32)
-    flow[rng.random((height, width)) < 0.1] = np.inf
-    column, row = np.arange(width) + flow[..., 0], np.arange(height)[:, None] + flow[..., 1]
+def mask_of(rng, ways):
+    """A mask that goes with the vectors from pixels to their points elsewhere."""
+    height, width = ways.shape[:2]
+    column, row = np.arange(width) + ways[..., 0], np.arange(height)[:, None] + ways[..., 1]
     inside = (column >= -0.5) & (column < width - 0.5) & (row >= -0.5) & (row < height - 0.5)
-    return flow, np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
+    return np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
 
 
 def make_frame(index, outputs=OUTPUTS, truth="both"):
     rng = np.random.default_rng(index)
     arrays = Frame(CAMERA, *(make_view(rng, index, side) for side in EYES)).arrays()
-    return Frame.from_arrays(CAMERA, {role: arrays[role] for role in arrays if is_asked_for(role, outputs, truth)})
-
-
-def is_asked_for(role, outputs, truth):
-    side, channel = ROLES[role]
-    return (channel.output is None or channel.output in outputs) and (
-        truth == "both" or side == "left" or not channel.is_truth
-    )
+    asked = {
+        role
+        for role, (side, channel) in ROLES.items()
+        if channel.output in {None, *outputs} and (truth == "both" or side == "left" or not channel.is_truth)
+    }
+    return Frame.from_arrays(CAMERA, {role: array for role, array in arrays.items() if role in asked})
 
 
 def make_provenance(index):

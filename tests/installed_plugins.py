@@ -3,7 +3,6 @@
 import importlib
 import shutil
 import sys
-import zipfile
 from pathlib import Path
 
 from hatchling import build
@@ -23,8 +22,7 @@ def build_example(folder, patch):
 
 def unpack(wheel, folder):
     """Install a wheel of Python modules alone: pip --target unpacks it likewise."""
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(folder)
+    shutil.unpack_archive(wheel, folder, "zip")
 
 
 def write_package(folder, code, version="0.3"):

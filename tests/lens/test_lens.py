@@ -42,9 +42,6 @@ def raw_camera(name, focal_px=150.0, size=(200, 150)):
     return RawCamera(*size, focal_px, focal_px * 1.02, *centre, model, distortion, TURN)
 
 
-# --- the camera ---
-
-
 @pytest.mark.parametrize("name", LENSES)
 def test_the_formulas_are_opencvs(name):
     raw = raw_camera(name)
@@ -66,9 +63,6 @@ def test_the_formulas_are_opencvs(name):
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 3))
 def test_a_rotation_vector_turns_as_opencvs(vector):
     np.testing.assert_allclose(rotation_of(vector), cv2.Rodrigues(np.array(vector))[0], atol=1e-12)
-
-
-# --- the chain ---
 
 
 @pytest.mark.parametrize("shape", [(120, 160, 3), (120, 160)])
@@ -133,9 +127,6 @@ def test_a_lens_that_folds_the_view_is_refused():
         LensChain(raw, CAMERA, "left", "black")
 
 
-# --- borders ---
-
-
 def looked_up(valid, flow):
     """Where flow leads to a pixel that is not valid, by its nearest pixel."""
     height, width = valid.shape
@@ -157,9 +148,6 @@ def test_a_border_hides_its_pixels_and_those_that_match_it(deviation):
     for eye in EYES:
         expected = ~valid[eye] | looked_up(valid[OTHER_EYE[eye]], frame.correspondences(eye))
         np.testing.assert_array_equal(bordered(frame, eye, valid), expected)
-
-
-# --- pairs ---
 
 
 # Motion that carries points into and out of borders.
