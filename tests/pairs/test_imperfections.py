@@ -124,13 +124,18 @@ FURTHER = {
 }
 
 
-@pytest.mark.parametrize("rig", [{}, {"right_y_px": 5.0}])
-def test_recorded_values_make_the_image_again_from_the_clean_one(rig):
+# All that this sensor sees is in the rectified view, so the raw image is stored whole.
+RAW = {"lens": {"raw_width_px": 40, "raw_height_px": 30}, "outputs": ["valid", "raw"]}
+
+
+@pytest.mark.parametrize("changes", [{}, {"rig": {"right_y_px": 5.0}}, RAW])
+def test_recorded_values_make_the_image_again_from_the_clean_one(changes):
     """Light falls about each eye's own principal point, which a deviating right eye has elsewhere."""
     keys = {"noise": [2, 6], "exposure_stops": [-0.5, 0.5], "blur_px": [0, 1], "gamma": [0.8, 1.2]}
     imperfections = keys | {key: FURTHER[key] for key in FURTHER if key != "motion_blur"}
-    clean, marred = cheap(rig=rig), cheap(rig=rig, imperfections=imperfections)
-    with PairRenderer(clean, 2) as before, PairRenderer(marred, 2) as after:
+    make, name = (with_lens, "raw") if "lens" in changes else (cheap, "image")
+    marred = make(**changes, imperfections=imperfections)
+    with PairRenderer(make(**changes), 2) as before, PairRenderer(marred, 2) as after:
         sharp, pair = before.render(3).frame, after.render(3)
     drawn = pair.provenance["imperfections"]
     assert json.loads(json.dumps(drawn)) == drawn
@@ -142,8 +147,10 @@ def test_recorded_values_make_the_image_again_from_the_clean_one(rig):
         assert drawn[eye]["jpeg_quality"] in range(60, 96)
         values = Imperfections(**drawn[eye])
         point = sharp.camera.lens_px(eye)[:2]
-        again = apply_imperfections(sharp.view(eye).image, values, rng, point)
-        np.testing.assert_array_equal(pair.frame.view(eye).image, again)
+        if name == "raw":
+            point = np.array(pair.provenance["lens"][eye]["K"])[:2, 2]
+        again = apply_imperfections(sharp.view(eye)[name], values, rng, point)
+        np.testing.assert_array_equal(pair.frame.view(eye)[name], again)
         np.testing.assert_array_equal(pair.frame.view(eye).disparity, sharp.view(eye).disparity)
     assert len(seen) == 8
 
