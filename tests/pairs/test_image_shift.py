@@ -1,7 +1,6 @@
 """Images lie on their truth: no antialiasing mode and no imperfection shifts them."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -80,11 +79,6 @@ def test_images_lie_on_their_truth(backend, mode):
     assert truth_shift_px(drawn(mode, backend)) < (0.001 if mode == "none" else 0.01)
 
 
-@cache
-def sharp(backend):
-    return drawn("none", backend)
-
-
 OF_LEVELS = {"vignetting", "exposure_stops", "white_balance", "gamma"}
 
 
@@ -110,7 +104,7 @@ def test_imperfections_leave_images_on_their_truth(backend, values):
     def change(image, eye):
         return apply_imperfections(image, Imperfections(**values), rng, CAMERA.lens_px(eye)[:2])
 
-    assert truth_shift_px(sharp(backend), change, levels) < 0.01
+    assert truth_shift_px(drawn("none", backend), change, levels) < 0.01
 
 
 @pytest.mark.one_backend
@@ -121,8 +115,8 @@ def test_motion_blur_leaves_images_on_their_truth(backend):
         poses.append(np.eye(4))
         poses[-1][:2, :3] = [[1, -0.006 * time, 0], [0.006 * time, 1, 0]]
         poses[-1][:3, 3] = 0.028 * time, 0.012 * time, 0.01 * time
-    blurred, late = (drawn("none", backend, each) for each in (poses, poses[1:]))
-    assert np.abs(blurred.left.image.astype(float) - sharp(backend).left.image).mean() > 1
+    sharp, blurred, late = (drawn("none", backend, each) for each in ((), poses, poses[1:]))
+    assert np.abs(blurred.left.image.astype(float) - sharp.left.image).mean() > 1
     assert truth_shift_px(blurred) < 0.01
     # Half a part of the exposure is found where one is missing.
     assert truth_shift_px(late) == pytest.approx(np.hypot(7, 3) / 14, rel=0.3)

@@ -248,12 +248,11 @@ def test_faults_are_those_of_all_pixels():
             arrays[f"disparity_{eye}"] = disparity
         frame = Frame.from_arrays(camera, arrays)
         everywhere, farthest_m = bool(rng.random() < 0.5), float(rng.choice([np.inf, camera.depth_m(3.0)]))
-        expected = stated_faults(frame, config, everywhere, 0.5 * camera.disparity_px(farthest_m))
-        expected = list(dict.fromkeys(expected))
+        expected = dict.fromkeys(stated_faults(frame, config, everywhere, 0.5 * camera.disparity_px(farthest_m)))
         static = SimpleNamespace(farthest_m=farthest_m)
         scene = SimpleNamespace(sky=np.array([not everywhere]), camera=camera)
         sampled = SimpleNamespace(scene=scene, sequence=SimpleNamespace(static=static))
-        assert faults(frame, config, sampled) == expected
+        assert faults(frame, config, sampled) == list(expected)
         kinds |= {" ".join(clause.split()[:3]) for clause in expected} or {"none"}
     deep = {"too deep: no", "too deep: disparity"}
     assert kinds == {"none", "too dark: mean", "too little texture:", "too few pixels", "cut by the"} | deep
