@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 from semisynth_gl.config import Config, Range, load_config
-from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.verify import verify
 
 SCALE = 1 / 8
