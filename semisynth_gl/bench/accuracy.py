@@ -36,7 +36,7 @@ def measure(
 
 
 def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[SampledTruth]) -> dict[str, Any]:
-    """Describe the measured scenes: config, seed, sizes (width, height), and how many pixels met the oracle's.
+    """Describe the measured scenes: config, seed, sizes (width, height), and how many pixels were compared.
 
     "pixels_left_out" counts the chosen pixels that were not compared.
     """

@@ -1,4 +1,4 @@
-"""How one camera stands to another, by the poses that a calibration states."""
+"""The relative pose of two cameras, from the poses that a calibration states."""
 
 import re
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from semisynth_gl.calibration.tree import Array, Name
 
 # What stands for a camera in the name of a pose; anything else is a body, an IMU or the world.
 _EYES = {"cam", "camera", "c", "s", "sensor", "left", "right", "l", "r"}
-# Names of poses with two frames: the one that the pose leads to is first, but in the last form, cam_to_board.
+# Names of poses with two frames: the target frame is first, except in the last form, cam_to_board.
 _FRAME = r"([A-Za-z]+\d*)"
 _FORMS = (
     rf"{_FRAME}_T_{_FRAME}|(.+)_from_(.+)",

@@ -70,7 +70,7 @@ def evaluate(
             ]
             lines += ["", f"{region} pixels; shares in {report['unit']}, errors in px", *_table(figures, mean, "bad-2")]
     else:
-        raise click.UsageError("expected --gt, the truth, or --pred-right, which goes only with --json")
+        raise click.UsageError("give --gt, the truth, or --pred-right, with which only --json goes")
     write_json(json_file, report)
     click.echo("\n".join([f"{counted(report['pairs'], 'pair')} {head}", *lines]))
 

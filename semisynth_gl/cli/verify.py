@@ -30,6 +30,8 @@ def verify(directory: str, json_file: Path | None, rays: int | None, pixels: int
 
     Each line is one finding: scene, check and fault. The exit code is 1 if there are findings.
     """
+    if oracle and rays is not None:
+        raise click.UsageError("give --rays or --oracle, not both")
     start = time.monotonic()
     with Progress() as progress:
         rays = sys.maxsize if oracle else rays

@@ -44,7 +44,7 @@ from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, DRAW
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.plugins import Group
 
-# None stays out of the digest, so that these sections did not change existing configs.
+# None stays out of the digest, so that configs without these sections kept their digest.
 _LEFT_OUT = Field(exclude_if=lambda section: section is None)
 
 RECIPE_KEYS = ("recipe", "extends", "weight")

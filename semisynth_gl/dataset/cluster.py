@@ -45,7 +45,7 @@ class RayEngine:
         self._gpus = gpus
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
-        """Make shards; see `Engine.run`. A request to stop ends the shards in hand.
+        """Make shards; see `Engine.run`. A request to stop ends the current shards.
 
         Raises:
             InputError: where Ray is missing or the cluster cannot be reached.
@@ -53,7 +53,7 @@ class RayEngine:
         """
         ray = _ray()
         with _connected(ray):
-            if self._gpus > ray.cluster_resources().get("GPU", 0):
+            if self._gpus > max(node["Resources"].get("GPU", 0) for node in ray.nodes() if node["Alive"]):
                 listener.on_message(f"no node of the cluster has {self._gpus:g} GPU: shards wait for such a node")
             # Ray ends a process after one task with a GPU unless max_calls says that it may do many.
             make = ray.remote(num_cpus=1, num_gpus=self._gpus, max_retries=_RETRIES, max_calls=0)(_make)
@@ -130,7 +130,7 @@ def _connected(ray: Any) -> Iterator[None]:  # noqa: ANN401
     address = os.environ.get("RAY_ADDRESS", "auto")
     try:
         host, _, port = address.rpartition(":")
-        if port.isdigit():
+        if port.isdigit() and "//" not in host:  # an address of Ray's client has a scheme
             # Without this, Ray would try for minutes to reach an address where nothing listens.
             create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
         with interrupts_kept():

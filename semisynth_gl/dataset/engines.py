@@ -44,7 +44,7 @@ class SerialEngine:
     """Makes one shard after the other in this process."""
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
-        """Make shards; see `Engine.run`. A request to stop ends the shard after the pair in hand."""
+        """Make shards; see `Engine.run`. A request to stop ends the shard after the current pair."""
         with closing(ShardMaker(job)) as maker:
             for number in numbers:
                 if listener.stopping or not maker.make_shard(number, listener):
@@ -72,13 +72,13 @@ class Recorder(Listener):
 
 
 class LocalEngine:
-    """Makes shards in at most ``workers`` processes; where one dies, all are started anew, twice at most."""
+    """Makes shards in at most ``workers`` processes; where one dies, all are restarted, twice at most."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
-        """Make shards; see `Engine.run`. A request to stop ends the shards in hand."""
+        """Make shards; see `Engine.run`. A request to stop ends the current shards."""
         left = dict.fromkeys(numbers)
         for attempt in range(1, _POOLS + 1):
             try:
@@ -87,8 +87,8 @@ class LocalEngine:
                 why = str(error) if isinstance(error, ContextLostError) else "a worker process died"
                 if attempt == _POOLS:
                     advice = "Complete shards stay on disk; where memory runs short, use fewer workers"
-                    raise WorkerError(f"{why}, the {_POOLS}rd time. {advice}") from None
-                listener.on_message(f"{why}: the workers are started anew for {counted(len(left), 'shard')}")
+                    raise WorkerError(f"{why}, {_POOLS} times. {advice}") from None
+                listener.on_message(f"{why}: the workers are restarted for {counted(len(left), 'shard')}")
             else:
                 return
 
@@ -119,14 +119,14 @@ def _run_pool(job: Job, left: dict[int, None], workers: int, listener: Listener)
             process.join()
 
 
-# What makes the shards of a worker process.
+# The shard maker of a worker process.
 _maker: ShardMaker
 
 
 def _start(job: Job, started: "Synchronized[int]", threads: int) -> None:
     """Begin a worker process; ``started`` counts them."""
     global _maker  # noqa: PLW0603 - one for the process
-    # A terminal sends Ctrl-C to all processes: the first one decides about the shards in hand.
+    # A terminal sends Ctrl-C to all processes: the first one decides about the current shards.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
     with started.get_lock():

@@ -123,8 +123,8 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
 def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
     """Lock a dataset against other runs, also on other machines with the disk; the lock ends with the process.
 
-    Runs that are ``shared``, since each makes other shards, lock out only runs that are not. Object stores and some
-    network file systems have no locks. Raises InputError where another run has locked the dataset.
+    Runs that are ``shared``, since each makes other shards, exclude only runs that are not ``shared``. Object stores
+    and some network file systems have no locks. Raises InputError where another run has locked the dataset.
     """
     if not is_local(root):
         yield

@@ -12,7 +12,7 @@ from upath import UPath
 from semisynth_gl.inputs.errors import InputError, ReadError, how_to_install
 from semisynth_gl.inputs.user_files import expanded
 
-# Most bytes that are read of a file at once.
+# Most bytes that one call reads.
 _MOST_BYTES = 1 << 31
 
 

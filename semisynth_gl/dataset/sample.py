@@ -70,7 +70,7 @@ class StoredFrame(Frame):
     def left_out(self, eye: Eye) -> NDArray[np.bool_]:
         """Return where a view has no disparity because its sensor saw nothing, (H, W) bool.
 
-        It is empty unless the config says ``border_disparity: false`` of the lens.
+        All are False unless the config says ``border_disparity: false`` of the lens.
         """
         if not self.border_disparity and "valid" in self.view(eye):
             return np.asarray(self.view(eye).valid != VISIBLE)

@@ -73,7 +73,7 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
 
     Args:
         name: see `Mesh`.
-        positions: (V, 3), model units, up to 1e9. None lies farther from 0 than 16384 times half their extent.
+        positions: (V, 3), model units, up to 1e9. No vertex is farther from 0 than 16384 times half their extent.
         uv: (V, 2), up to 16384, or to 16384 times half their extent.
         triangles: (T, 3) indices.
 

@@ -8,7 +8,7 @@ from semisynth_gl.geometry.surfaces import grid_surface
 
 
 def blob(rng: np.random.Generator) -> Parts:
-    """A free-form lump: balls of many sizes that have flown together."""
+    """A free-form lump: merged balls of many sizes."""
     count = int(rng.integers(4, 8))
     at, parts = np.zeros(3), list[Field]()
     points, radii = [], rng.uniform(0.22, 0.5, count)
@@ -83,7 +83,7 @@ def cushion(rng: np.random.Generator) -> Parts:
 
 
 def curtain(rng: np.random.Generator) -> Parts:
-    """Cloth that hangs in folds, which widen downwards."""
+    """Hanging cloth in folds, which widen downwards."""
     width, height = rng.uniform(0.8, 1.6), rng.uniform(1.2, 2.2)
     folds, deep = int(rng.integers(4, 11)), rng.uniform(0.02, 0.06)
     columns, rows = 10 * folds, 6
@@ -98,7 +98,7 @@ def curtain(rng: np.random.Generator) -> Parts:
 
 
 def cloth(rng: np.random.Generator) -> Parts:
-    """Cloth that lies: a sheet with a few long creases and ripples."""
+    """Lying cloth: a sheet with a few long creases and ripples."""
     width, length = rng.uniform(0.8, 1.2), rng.uniform(0.8, 1.6)
     size = 28
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, size + 1) * width, np.linspace(-0.5, 0.5, size + 1) * length)

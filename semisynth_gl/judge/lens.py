@@ -25,7 +25,7 @@ def find_borders(
     """Return where a sensor saw nothing of a view's point, at its pixel or at its vector's end, (H, W) bool each.
 
     The first array is where that is sure, the second where it may be, up to the rounding of ``vectors`` (H, W, 2) px.
-    Both are empty for a pair without ``valid``. ``channel``, disparity or flow, is what the vectors come from.
+    All are False for a pair without ``valid``. ``channel``, disparity or flow, is what the vectors come from.
     """
     view = frame.view(eye)
     goal = frame.view(OTHER_EYE[eye]) if channel == "disparity" else view

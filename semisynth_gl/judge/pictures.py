@@ -25,7 +25,7 @@ MASKS = {
     "outside the right view": (93, 58, 155),
     "no disparity": (64, 96, 192),
 }
-"""The colours of masks, RGB. The colour map has no blue, and readers of any colour vision can tell the masks apart."""
+"""The colours of masks, RGB. The colour map has no such blue. Readers of any colour vision can tell them apart."""
 
 # Quantiles of disparity between which the colours run: a small near object would otherwise use up most of them.
 _COLOURED = (0.01, 0.99)
@@ -65,7 +65,7 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
 
 
 def _warped(frame: StoredFrame) -> NDArray[np.uint8]:
-    """Return the right image where each left pixel's disparity leads, (H, W, 3); grey where the right eye sees none."""
+    """Return the right image where each left pixel's disparity leads, (H, W, 3); grey where that is occluded."""
     height, width = frame.left.disparity.shape
     row, column = np.mgrid[:height, :width]
     way = frame.correspondences("left")

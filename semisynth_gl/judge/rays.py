@@ -59,7 +59,7 @@ class _Rays:
         self.frame, self.eye, self.scene, self.models, self.motions = frame, eye, scene, scenes.models, motions
 
     def check(self, row: NDArray[np.int64], column: NDArray[np.int64], verdict: Verdict) -> None:
-        """Compare a view's arrays with rays through R pixels; the measures are the largest errors of right pixels."""
+        """Compare a view's arrays with rays through R pixels; measure the largest errors of pixels that agree."""
         view = self.frame.view(self.eye)
         x, y = column.astype(np.float64), row.astype(np.float64)
         rays, border = self.cast(x, y), self.frame.left_out(self.eye)[row, column]

@@ -139,7 +139,7 @@ def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         seen = np.isfinite(disparity) | np.isfinite(view.get("depth", inf)) | (view.get("instances", np.uint16(0)) > 0)
         length, zero = np.linalg.norm(normals, axis=2), (normals == 0).all(axis=2)
         wrong = ~(np.abs(length - 1) <= _UNIT_LENGTH) & (seen | ~zero)
-        verdict.add_pixels("normals", eye, "is no unit vector", wrong)
+        verdict.add_pixels("normals", eye, "is not a unit vector", wrong)
         edge = _EDGE_PX / min(camera.focal_px, camera.focal_y_px)
         away = (normals * camera.rays_of_eye(eye, column, row)).sum(axis=2) > _UNIT_LENGTH + edge
         verdict.add_pixels("normals", eye, "points away from the eye", away)
@@ -155,7 +155,7 @@ def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         listed = len(rows) if isinstance(rows, list) else 0
         verdict.add_pixels("instances", eye, f"is above the {listed} that the pair lists", view.instances > listed)
         none = (view.instances == 0) & np.isfinite(view["disparity"])
-        verdict.add_pixels("instances", eye, "is 0 in spite of a disparity", none)
+        verdict.add_pixels("instances", eye, "is 0 despite a disparity", none)
     if "sky" in view and sky is not None:
         verdict.add_pixels("sky", eye, "is not that of the instances", (view.sky == SKY) != sky)
     if "sky" in view and "depth" in view:
@@ -165,7 +165,7 @@ def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
     """Check where a view has flow and a change of disparity, and to which disparities the change leads.
 
-    The change must be finite where disparity and flow are, but in a lens's borders, and nowhere else.
+    The change must be finite where disparity and flow are, except in a lens's borders, and nowhere else.
     """
     view = frame.view(eye)
     beyond = {

@@ -1,4 +1,4 @@
-"""From the image of a pinhole to that of a rectified pair: through lens and sensor, and back by OpenCV's maps.
+"""From a pinhole image to a rectified one: through lens and sensor, and back by OpenCV's maps.
 
     drawn image    the pinhole of the rectified camera, at least as dense as the sensor
     raw image      what the sensor sees; imperfections belong here
@@ -32,7 +32,7 @@ _BORDER_PX = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class LensChain:
-    """The way of one eye's image through its lens.
+    """One eye's lens and its rectification.
 
     Attributes:
         raw: the camera before rectification.
@@ -118,7 +118,7 @@ class LensChain:
         return most if most > _SAME_DENSITY else 1.0
 
     def raw_image(self, drawn: NDArray[np.uint8], density: float) -> NDArray[np.uint8]:
-        """Return what the sensor sees of a drawn image, whose border is repeated outwards.
+        """Return what the sensor sees of a drawn image, whose border is replicated.
 
         Args:
             drawn: the image of the scaled camera, (H, W, 3) or (H, W) uint8.

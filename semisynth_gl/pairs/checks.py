@@ -28,7 +28,7 @@ def faults(frame: Frame, config: Config, sampled: SampledScene | None = None) ->
     """Return the faults of a pair, without repetition, such as "too dark: mean 3.0 levels, at least 8 wanted".
 
     The limits are those of the config's section checks. ``sampled`` is the scene that the frame shows as rendered, and
-    tells which disparities to expect; None for a frame whose lenses have left borders.
+    tells which disparities to expect; None for a frame that has passed the lenses.
     """
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
     if not all(_surely_bright(image, section.min_brightness) for image in images):

@@ -10,7 +10,7 @@ from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY, Targets
 
 _TILE_PX = 4
-# Most entries of the visibility pass for a tile: one in each of two lists of tiles, and all its pixels in another list.
+# Work-list entries that the visibility pass may need for a tile: two for the tile, and one for each of its pixels.
 _ENTRIES = 2 + _TILE_PX**2
 
 

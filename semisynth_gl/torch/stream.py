@@ -38,11 +38,11 @@ class StereoStream(PairDataset):
         seed: decides, with the config, the content of all pairs; 0 or more.
         pairs: number of pairs, ``len(stream)``.
         split: the split whose pairs they are.
-        splits: names of all splits of the dataset; photographs are held out for each of them.
+        splits: names of all splits of the dataset; each of them gets photographs that no other shows.
         crop: height and width, px: cut a crop out of each pair; None for whole images. The seed, the pair's sequence
             and the epoch decide the crop and the augmentation.
         augmentation: changes of each pair, before the transform.
-        checked: whether pairs that fail the config's checks are rendered again, as in a dataset. Without checks, crops
+        checked: whether scenes that fail the config's checks are sampled again, as in a dataset. Without checks, crops
             are much faster, and the few pairs that would have failed differ from the dataset's pairs.
         transform: a function that gets the sample and returns the object to use instead.
         backend: "auto", "egl" or "osmesa".

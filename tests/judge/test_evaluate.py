@@ -336,7 +336,7 @@ def test_both_views_are_judged_by_the_command(tmp_path):
         (("gt/a/calib.txt", "gt"), "is a file"),
         (("pred", "empty"), "no true disparities there"),
         (("pred", "gt", "--split", "test"), "has no splits"),
-        (("pred", "gt", "--pred-right", "pred"), "expected --gt, the truth, or --pred-right"),
+        (("pred", "gt", "--pred-right", "pred"), "give --gt, the truth, or --pred-right"),
     ],
 )
 @pytest.mark.usefixtures("three")

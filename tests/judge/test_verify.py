@@ -172,9 +172,9 @@ FAULTS = {
     ),
     "normals with x and y swapped": (normals(lambda n: n[..., [1, 0, 2]]), "normals", "points away from the eye"),
     "normals negated": (normals(lambda n: -n), "normals", "normals_right points away from the eye in 23375 pixels"),
-    "normals too long": (normals(lambda n: 1.0001 * n), "normals", "is no unit vector in 23375 pixels"),
+    "normals too long": (normals(lambda n: 1.0001 * n), "normals", "is not a unit vector in 23375 pixels"),
     **{
-        f"one normal of {value}": (normals(at_pixel(30, 40, value)), "normals", f"is no unit vector {AT}")
+        f"one normal of {value}": (normals(at_pixel(30, 40, value)), "normals", f"is not a unit vector {AT}")
         for value in (0, np.nan, np.inf)
     },
     "normals of another pair": (copied("normals1.pfm"), "oracle", "normals_right"),
