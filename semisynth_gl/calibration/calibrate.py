@@ -12,7 +12,6 @@ from semisynth_gl.calibration.rig_files import read_rig
 from semisynth_gl.calibration.sizes import Size, check_sizes, most_common_size, photograph_sizes
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config
-from semisynth_gl.config.load import Overrides
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
@@ -61,7 +60,6 @@ def calibrate(
     range_m: tuple[float, float] | None = None,
     other_camera: bool = False,
     trials: int = 6,
-    overrides: Overrides = (),
     name: str = "calibrated",
     listener: Listener | None = None,
 ) -> Calibration:
@@ -89,7 +87,6 @@ def calibrate(
         other_camera: whether another camera took the photographs, so that they may have any size.
         trials: number of pairs to render and measure for each recipe at each of two texture scales; with 0, no pair is
             rendered, recipes have equal weights, and textures are as in the packaged configs.
-        overrides: keys to set in the config, as `load_config` takes them; the trial pairs have them, too.
         name: the config's name; runs of characters other than ASCII letters and digits become one hyphen.
         listener: hears the number of pairs to render, and each finished pair.
 
@@ -127,8 +124,8 @@ def calibrate(
     except InputError as error:
         rig = replace(rig, raw=None)
         notes.append(f"the lenses were left out: {error}")
-    draft = describe(name, rig, sources, disparities, sizes, overrides)
-    # Keys and photographs that cannot be used are reported before the trials; the dataset's patches are cached.
+    draft = describe(name, rig, sources, disparities, sizes)
+    # Photographs that cannot be used are reported before the trials; the dataset's patches are cached.
     atlas = prepare_atlas(draft.config().textures, Split(0))
     grey = bool((atlas.layers[..., :3] == atlas.layers[..., :1]).all())
     if grey:
@@ -166,7 +163,7 @@ def _rig(
 
 
 def _summary(draft: Draft, config: Config, photographs: str) -> list[str]:
-    """Return lines about the disparities, photographs, scenes and textures of the config, overrides included."""
+    """Return lines about the disparities, photographs, scenes and textures of the config."""
     disparity = config.disparity
     totals_px = (px + draft.rig.camera.doffs_px for px in (disparity.max_px, disparity.min_px))
     near_m, far_m = (draft.rig.camera.focal_baseline / px if px > 0 else math.inf for px in totals_px)

@@ -16,7 +16,7 @@ from semisynth_gl.calibration.disparity_range import DisparityRange
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.config import Config
-from semisynth_gl.config.load import Overrides, overridden, parse_values
+from semisynth_gl.config.load import parse_values
 from semisynth_gl.config.scene_sections import BackgroundSection, TexturesSection
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.raw_camera import RawCamera, vector_of
@@ -60,19 +60,16 @@ class Draft:
     Attributes:
         rig: the rig.
         disparity: range and wanted histogram of disparity.
-        sections: the config's values as `rounded` returns them, before the user's overrides; the last of the ``scenes``
-            is clutter.
-        overrides: keys that the user sets, as `load_config` takes them.
+        sections: the config's values as `rounded` returns them; the last of the ``scenes`` is clutter.
     """
 
     rig: Rig
     disparity: DisparityRange
     sections: dict[str, Any]
-    overrides: Overrides = ()
 
     def config(self) -> Config:
         """Return the config; raises InputError where its numbers make no valid one."""
-        return parse_values(self.sections, f"{self.sections['name']}.yaml", self.overrides)
+        return parse_values(self.sections, f"{self.sections['name']}.yaml")
 
     def text(self) -> str:
         """Return the config as YAML, below a comment on the calibration."""
@@ -81,19 +78,14 @@ class Draft:
         yaml.indent(mapping=2, sequence=4, offset=2)
         name, source = self.sections["name"], printable(self.rig.source)
         text.write(f"# {name}: written by semisynth-gl calibrate from {source}.\n")
-        for section, values in overridden(self.sections, self.overrides).items():
+        for section, values in self.sections.items():
             yaml.dump({section: values}, text)
             text.write("\n")
         return text.getvalue().rstrip("\n") + "\n"
 
 
 def describe(
-    name: str,
-    rig: Rig,
-    images: Sequence[str],
-    disparity: DisparityRange,
-    photographed: Sequence[Size],
-    overrides: Overrides = (),
+    name: str, rig: Rig, images: Sequence[str], disparity: DisparityRange, photographed: Sequence[Size]
 ) -> Draft:
     """Describe a config without trials: recipes of equal weights, and textures as in the packaged configs.
 
@@ -137,7 +129,7 @@ def describe(
         },
         "imperfections": {"blur_px": 0.0},
     }
-    return Draft(rig, disparity, rounded(sections), overrides)
+    return Draft(rig, disparity, rounded(sections))
 
 
 def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.calibration.draft import TEXELS, Draft, rounded
 from semisynth_gl.config.load import parse_values
-from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.comparison import Values, unit_of
 from semisynth_gl.judge.measured_view import make_view, working_width
 from semisynth_gl.judge.measures import MEASURES, measure_view
@@ -56,9 +55,7 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
     ]
     # Only what is measured.
     sections = draft.sections | {"disparity": disparity, "scenes": tried, "outputs": [], "truth": "left"}
-    config = parse_values(sections, "the trial's config", draft.overrides)
-    if {recipe.name for recipe in config.recipes()} != set(cells):
-        raise InputError("scenes cannot be set where trial pairs weigh the recipes", argument="overrides")
+    config = parse_values(sections, "the trial's config")
     shares = np.zeros((len(scenes), len(wanted.shares)))
     trial: list[list[list[Floats]]] = [[[] for _ in TEXELS] for _ in scenes]
     listener.on_total(pairs * len(cells))

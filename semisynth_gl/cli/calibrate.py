@@ -17,7 +17,6 @@ from semisynth_gl.cli.options import (
     images_option,
     map_options,
     option,
-    set_option,
     split,
 )
 from semisynth_gl.cli.outputs import OutputFile
@@ -107,11 +106,9 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     help="Pairs to render and measure for each recipe, with each of two texture scales. With 0, which needs no "
     "OpenGL, all recipes get the same weight, and textures are as in the packaged configs.",
 )
-@set_option()
 @option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML file to write.")
 @option("--overwrite", is_flag=True, help="Overwrite an existing --out: your changes in it are lost.")
 def calibrate(
-    settings: tuple[str, ...],
     out: Path,
     overwrite: bool,
     **others: Any,  # noqa: ANN401 - arguments of the function that calibrates
@@ -120,7 +117,7 @@ def calibrate(
     if out.is_file() and not overwrite:
         raise InputError(f"--out {out}: exists already; choose another name, or replace it with --overwrite")
     with Progress() as progress:
-        made = calibrate_rig(overrides=settings, name=out.stem, listener=progress, **others)
+        made = calibrate_rig(name=out.stem, listener=progress, **others)
     out.write_text(made.text, "utf-8")
     for line in made.summary:
         click.echo(line)

@@ -54,17 +54,12 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     return _validated(_over(_read(_find_config(str(name_or_path)), ()), _override_layer(overrides)))
 
 
-def parse_values(values: Values, file: str, overrides: Overrides = ()) -> Config:
-    """Return the config of values as YAML has them, and of overrides; messages name ``file`` as the values' source.
+def parse_values(values: Values, file: str) -> Config:
+    """Return the config of values as YAML has them; messages name ``file`` as their source.
 
     Raises InputError as `load_config` does.
     """
-    return _validated(_over(Layer(values, {(): file}), _override_layer(overrides)))
-
-
-def overridden(values: Values, overrides: Overrides) -> Values:
-    """Return a config's values with overrides merged over them, as `load_config` merges them; raises InputError."""
-    return _over(Layer(values), _override_layer(overrides)).values
+    return _validated(Layer(values, {(): file}))
 
 
 def _validated(layer: Layer) -> Config:

@@ -86,20 +86,22 @@ def test_every_kind_of_scene_has_recipes_that_a_config_takes():
 )
 def test_scenes_of_any_range_meet_their_target(tmp_path_factory, most_px, width, size, view, baseline_m):
     """Ranges up to 0.5 to 700 px, from 1 % to 99 % of the largest disparity wide."""
+    folder = photographs(tmp_path_factory.mktemp("photos"), size=(300, 300))
     made = calibrate(
-        photographs(tmp_path_factory.mktemp("photos"), size=(40, 30)),
+        folder,
         focal_px=view * size[0],
         baseline_m=baseline_m,
         size=size,
         range_px=(most_px * (1 - width), most_px),
         other_camera=True,
         trials=0,
-        overrides=["textures.source=procedural", "textures.images=[]", "textures.max_patches=8", "textures.large_px=0"],
     )
-    sources = prepare_sources(made.config, Split(0))
-    mix = MixSampler(made.config, 0, sources.libraries, sources.atlas.patches)
+    textures = {"source": "procedural", "images": [], "max_patches": 8, "large_px": 0}
+    config = load_config(write(folder, "config.yaml", made.text), {"textures": textures})
+    sources = prepare_sources(config, Split(0))
+    mix = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
     # Wide ranges outdoors come to 0.17.
-    assert total_variation(mix.expected(), made.config.shown_histogram()) < 0.25
+    assert total_variation(mix.expected(), config.shown_histogram()) < 0.25
     for index in range(len(mix.recipes)):
         assert len(mix.sample(index).scene) > 0
 
@@ -114,34 +116,18 @@ def test_a_table_top_becomes_a_dataset_that_verifies(tmp_path, program):
     for number, near in enumerate((57, 62)):
         disparity = np.tile(np.where(np.arange(160) < 70, 50, near).astype(np.float32), (128, 1))
         (tmp_path / f"maps/{number}.pfm").write_bytes(PFM.encode(disparity))
-    given = ("calibrate", "--images", "photos", "--other-camera", "--set", "particles.most=900", "--out", "table.yaml")
+    given = ("calibrate", "--images", "photos", "--other-camera", "--out", "table.yaml")
     rig = ("--focal-px", 500, "--baseline-m", 0.05, "--size", "160x128", "--disparity", "maps", "--trials", 1)
     code, out, _ = program(*given, *rig)
     assert code == 0
     config = load_config(tmp_path / "table.yaml")
-    assert (config.particles.most, config.textures.large_px) == (900, 256)
+    assert config.textures.large_px == 256
     # Two surfaces and one jump a row are next to nothing floating.
     shares = {recipe.name: recipe.share for recipe in config.recipes()}
     assert shares["clutter"] == pytest.approx(0.05)
     assert f"{shares['clutter']:.0%} clutter" in out
     assert program("generate", "--config", "table.yaml", "--out", "table", "--pairs", 5)[0] == 0
     assert program("verify", "table", "--oracle")[0] == 0
-
-
-def test_keys_that_are_set_are_written_beside_the_comments(tmp_path, program):
-    photographs(tmp_path / "photos", 1, size=(300, 300))
-    rig = ("--focal-px", 30, "--baseline-m", 0.1, "--size", "40x30", "--range-px", 2, 20)
-    given = ("calibrate", "--images", "photos", "--other-camera", *rig)
-    keys = ["camera.colour=grey", "imperfections.noise=2", "name=other", "checks.min_valid=0.25"]
-    assert program(*given, "--trials", 0, "--out", "plain.yaml")[0] == 0
-    settings = [word for key in keys for word in ("--set", key)]
-    assert program(*given, "--trials", 0, "--out", "set.yaml", *settings)[0] == 0
-    plain, changed = (load_config(tmp_path / name) for name in ("plain.yaml", "set.yaml"))
-    assert changed == load_config(tmp_path / "plain.yaml", keys) != plain
-    for key in ("camera.widht_px=3", "scenes=[]"):
-        code, _, err = program(*given, "--trials", 1, "--out", "no.yaml", "--set", key)
-        assert code == 2
-        assert key.partition("=")[0] in err
 
 
 @settings(max_examples=25, deadline=None)
