@@ -96,7 +96,7 @@ def calibrate(
         BackendError: where OpenGL is missing, and ``trials`` is above 0.
     """
     sources, files, trials = names_of(images), names_of(calib), to_whole("trials", trials, least=0)
-    scale = 1.0 if scale is None else to_real("scale", scale, least=LEAST)
+    scale = 1.0 if scale is None else to_real("scale", scale, LEAST, 16)
     png_scale = to_real("png_scale", png_scale, least=LEAST)
     alpha = None if alpha is None else to_real("alpha", alpha, 0, 1)
     for argument, pair in {"size": size, "range_px": range_px, "range_m": range_m, "cameras": cameras}.items():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.place import read_map
@@ -139,8 +140,8 @@ def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
 
 
 def _check(low_px: float, high_px: float, doffs_px: float) -> None:
-    if not -doffs_px < low_px <= high_px - _LEAST_PX < math.inf:
+    if not -doffs_px < low_px <= high_px - _LEAST_PX < LARGEST:
         raise InputError(
             f"the range of disparity is {low_px:g} to {high_px:g} px: expected ends that differ by {_LEAST_PX:g} px or "
-            f"more, both above {-doffs_px:g} px, the disparity of infinity for this rig"
+            f"more, both below {LARGEST:g} px and above {-doffs_px:g} px, the disparity of infinity for this rig"
         )

@@ -12,8 +12,6 @@ from semisynth_gl.calibration.finder import UNITS
 from semisynth_gl.cli.options import (
     NATURAL,
     Command,
-    Number,
-    above_0,
     images_option,
     map_options,
     option,
@@ -21,11 +19,9 @@ from semisynth_gl.cli.options import (
 )
 from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.inputs.errors import InputError
 
 _PROPOSED_PAIRS = 1000
-_ANY_NUMBER = Number(min=-LARGEST, max=LARGEST)
 
 
 def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, int] | None:
@@ -67,37 +63,25 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     metavar="LEFT,RIGHT",
     help="The left and the right camera in a calibration of more than two, such as cam1,cam2.",
 )
-@option(
-    "--focal-px",
-    type=above_0(LARGEST),
-    help="Focal length in pixels; with --baseline-m and --size, instead of --calib.",
-)
-@option("--baseline-m", type=_ANY_NUMBER, help="Distance between the cameras in metres; see --focal-px.")
+@option("--focal-px", type=float, help="Focal length in pixels; with --baseline-m and --size, instead of --calib.")
+@option("--baseline-m", type=float, help="Distance between the cameras in metres; see --focal-px.")
 @option(
     "--size",
     callback=_size,
     metavar="WIDTHxHEIGHT",
     help="Size of the images, such as 1280x720, where the calibration does not; by default the photographs' size.",
 )
-@option(
-    "--scale",
-    type=above_0(16),
-    help="Size of the images relative to the calibrated size; 0.25 for quarter size.",
-)
+@option("--scale", type=float, help="Size of the images relative to the calibrated size; 0.25 for quarter size.")
 @option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in --calib; by default the likeliest.")
 @option(
     "--alpha",
-    type=Number(min=0, max=1),
+    type=float,
     help="stereoRectify's alpha, for a calibration that lacks P1 and P2: 0 leaves no borders, 1 keeps as much of the "
     "raw images as possible; by default stereoRectify's, with a view of at most 100 degrees for a fisheye.",
 )
 @map_options
-@option(
-    "--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Smallest and largest disparity in pixels, without --disparity."
-)
-@option(
-    "--range-m", type=(_ANY_NUMBER, _ANY_NUMBER), help="Smallest and largest distance in metres, without --range-px."
-)
+@option("--range-px", type=(float, float), help="Smallest and largest disparity in pixels, without --disparity.")
+@option("--range-m", type=(float, float), help="Smallest and largest distance in metres, without --range-px.")
 @option("--other-camera", is_flag=True, help="The photographs are from another camera, and may have any size.")
 @option(
     "--trials",

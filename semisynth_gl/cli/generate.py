@@ -11,7 +11,6 @@ from semisynth_gl.cli.options import (
     MOST_WORKERS,
     NATURAL,
     Command,
-    Number,
     SceneOptions,
     option,
     scene_options,
@@ -89,7 +88,7 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
 )
 @option(
     "--gpu-share",
-    type=Number(min=0, max=MOST_WORKERS),
+    type=click.FloatRange(min=0, max=MOST_WORKERS),
     default=0.0,
     help="GPUs for each Ray task; a fraction lets several tasks share a GPU.",
 )

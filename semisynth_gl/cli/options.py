@@ -1,6 +1,5 @@
 """Options that several commands share."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, reduce, wraps
@@ -32,17 +31,6 @@ MOST_WORKERS = 1024
 SEED = click.IntRange(min=0, max=(1 << 63) - 1)
 
 
-class Number(click.FloatRange):
-    """The type of a number in a range; unlike click's own type, it refuses nan."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401
-        """Return the number, or refuse a value that is not a number in the range."""
-        number = float(super().convert(value, param, ctx))
-        if math.isnan(number):
-            self.fail(f"{value!r} is not a number.", param, ctx)
-        return number
-
-
 class Command(click.Command):
     """A command whose errors name its options in place of the library's arguments."""
 
@@ -51,9 +39,8 @@ class Command(click.Command):
         try:
             return super().invoke(ctx)
         except InputError as error:
-            name = "settings" if error.argument == "overrides" else error.argument
             options = {each.name: max(each.opts, key=len) for each in self.params if isinstance(each, click.Option)}
-            error.argument = options.get(name, error.argument)
+            error.argument = options.get(error.argument, error.argument)
             raise
 
 
@@ -64,11 +51,6 @@ def split(item: Any) -> Callable[..., tuple[Any, ...] | None]:  # noqa: ANN401 -
         return None if text is None else tuple(item.convert(each.strip(), param, ctx) for each in text.split(","))
 
     return convert
-
-
-def above_0(largest: float) -> Number:
-    """Return the type of a number above 0 and up to ``largest``."""
-    return Number(min=0, min_open=True, max=largest)
 
 
 def complete_config(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -114,7 +96,7 @@ map_options = options(
     ),
     option(
         "--png-scale",
-        type=above_0(0xFFFF),
+        type=click.FloatRange(min=0, min_open=True, max=0xFFFF),
         default=KITTI_DISPARITY.steps,
         help="Levels of a 16-bit PNG for a disparity of one pixel.",
     ),

@@ -185,6 +185,7 @@ def test_a_real_pair_becomes_a_config(program, tmp_path, monkeypatch):
         ("--focal-px 700 --baseline-m 0.1 --size 741", ["--size 741", "1280x720"]),
         ("--focal-px 700 --baseline-m 0.1 --size 741x500", ["--range-px: missing", "disparity maps"]),
         ("--calib calib.txt --range-px 1e-9 2e-9", ["expected ends that differ by 2.2e-05"]),
+        ("--calib calib.txt --range-px 1 1e300", ["both below 1e+06 px"]),
         ("--calib calib.txt --range-px 1 4 --disparity x.pfm", ["--disparity: expected only one of"]),
         ("--calib calib.txt --range-m 4 1", ["--range-m: ", "the nearer one first"]),
         ("--calib calib.txt --scale 0.5", ["--images: ", "of 371 x 250", "--scale 1;", "--other-camera"]),

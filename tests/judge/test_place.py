@@ -256,7 +256,7 @@ def test_what_is_left_out_is_said(run, dataset, tmp_path):
         ("{set} --images {broken}", "photograph"),
         ("{set} --images {photos} --disparity {photos}", "no disparity map"),
         ("{set} --disparity {photos}", "--images"),
-        ("{set} --images {photos} --png-scale nan", "--png-scale"),
+        ("{set} --images {photos} --png-scale 0", "--png-scale"),
         ("{set} --out a.txt", "--out"),
     ],
 )
