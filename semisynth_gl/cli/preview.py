@@ -4,14 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
-import numpy as np
 
 from semisynth_gl.cli.options import Command, SceneOptions, option, scene_options
 from semisynth_gl.cli.outputs import OutputFile, table
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.dataset.interrupts import interrupts_end
-from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.seeds.splits import Split
@@ -26,12 +24,6 @@ _FEWEST = 4
 @scene_options
 @option("--out", type=OutputFile(".png"), default="preview.png", help="PNG file to write.")
 @option(
-    "--ply",
-    type=OutputFile(".ply"),
-    metavar="FILE",
-    help="Also write the first shown pair's left view to this PLY file, as a coloured point cloud in metres.",
-)
-@option(
     "--patches",
     is_flag=True,
     help="Draw the patches that the pairs show instead, count them, and say how many crops were rejected and why.",
@@ -41,21 +33,18 @@ _FEWEST = 4
     type=click.IntRange(min=1, max=64),
     help=f"How many pairs to show.  [default: {_FEWEST}, or one for each recipe if there are more recipes]",
 )
-def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pairs: int | None) -> None:
+def preview(scene: SceneOptions, out: Path, patches: bool, pairs: int | None) -> None:
     """Draw a contact sheet: pairs, if possible one of each recipe, and their histogram against the config's.
 
     The histogram weights each recipe by its share of the scenes.
     """
     if patches:
-        refused = [name for name, value in (("--ply", ply), ("--pairs", pairs)) if value is not None]
-        if refused:
-            raise InputError(f"--patches draws no pairs: leave {' and '.join(refused)} out")
+        if pairs is not None:
+            raise InputError("--patches draws no pairs: leave --pairs out")
         _draw_patches(scene.config().textures, scene.seed, out)
         return
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with interrupts_end():
-        import trimesh  # noqa: PLC0415
-
         from semisynth_gl.judge.charts import draw_sheet  # noqa: PLC0415
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
 
@@ -76,12 +65,6 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         [recipe.share / count for recipe, _, count in grouped],
     ).savefig(out)
     click.echo(f"{counted(len(shown), 'pair')} in {out}")
-    if ply is not None:
-        frame = shown[0].frame
-        points = frame.points()
-        seen = np.isfinite(points[..., 2])
-        trimesh.PointCloud(points[seen], as_rgb(frame.left.image)[seen]).export(ply)  # type: ignore[no-untyped-call]
-        click.echo(f"the points of pair {shown[0].index} in {ply}")
     for recipe, its in zip(recipes, of_recipe, strict=True):
         if recipe.name is not None:
             listed = ", ".join(str(pair.index) for pair in its) or "none"

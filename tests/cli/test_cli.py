@@ -9,12 +9,11 @@ import click
 import cv2
 import numpy as np
 import pytest
-import trimesh
 from backends import backend_fault
 from PIL import Image
 from tiny_datasets import CLUTTER_ALONE
 
-from semisynth_gl import cli, render_pair
+from semisynth_gl import cli
 from semisynth_gl.cli import main
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config, packaged_configs
@@ -99,15 +98,8 @@ def test_generate_writes_a_dataset_that_opencv_reads(call, tmp_path, photographs
 
 def test_preview_draws_a_sheet(call, tmp_path, photographs):
     command = ("preview", "--config", "kitti", "--images", photographs, *SMALL)
-    done = call(*command, "--out", "sheet.png", "--ply", "cloud.ply", "--pairs", 2)
+    done = call(*command, "--out", "sheet.png", "--pairs", 2)
     assert done.returncode == 0, done.stderr
-    assert "cloud.ply" in done.stdout
-    cloud = trimesh.load(tmp_path / "cloud.ply")
-    frame = render_pair(
-        load_config("kitti", ["textures.source=images", ("textures.images", [str(photographs)]), *SETTINGS]), 0
-    )
-    np.testing.assert_array_equal(np.float32(cloud.vertices), frame.points().reshape(-1, 3))
-    np.testing.assert_array_equal(cloud.colors[:, :3], frame.left.image.reshape(-1, 3))
     assert len(Image.open(tmp_path / "sheet.png").convert("RGB").getcolors(1 << 24)) > 1000
 
 

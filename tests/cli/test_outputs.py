@@ -21,7 +21,7 @@ SMALL = "--set camera.width_px=64 --set camera.height_px=48 --set models.variant
 # Each option that writes a file, behind the command that has it.
 COMMANDS = {
     "evaluate --pred pred --gt gt --json": ".json",
-    f"preview --config sceneflow --images photos --pairs 1 {SMALL} --ply": ".ply",
+    f"preview --config sceneflow --images photos --pairs 1 {SMALL} --out": ".png",
     "report set --pairs 1 --out": ".html",
     f"calibrate --images photos {PLAIN} --out": ".yaml",
 }
