@@ -2,13 +2,13 @@
 
 import click
 
-from semisynth_gl.cli.options import Command, complete_config
+from semisynth_gl.cli.options import Command
 from semisynth_gl.config.explain import explain
 from semisynth_gl.config.load import load_config, summaries
 
 
 @click.command(cls=Command)
-@click.argument("config_name", metavar="[NAME_OR_PATH]", required=False, shell_complete=complete_config)
+@click.argument("config_name", type=click.Path(), metavar="[NAME_OR_PATH]", required=False)
 def configs(config_name: str | None) -> None:
     """List the packaged configs, or print one with all of its keys, defaults and comments.
 

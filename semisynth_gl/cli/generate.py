@@ -11,8 +11,8 @@ from semisynth_gl.cli.options import (
     MOST_WORKERS,
     NATURAL,
     Command,
-    SceneOptions,
     option,
+    scene_config,
     scene_options,
     split,
 )
@@ -101,7 +101,10 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
 )
 @option("--overwrite", is_flag=True, help="Replace the dataset in the --out folder, with all that is in its folders.")
 def generate(
-    scene: SceneOptions,
+    config_name: str,
+    images: tuple[str, ...],
+    models: tuple[str, ...],
+    settings: tuple[str, ...],
     out: str | None,
     outputs: tuple[str, ...] | None,
     pairs: int,
@@ -125,16 +128,14 @@ def generate(
     with interrupts_end():
         from semisynth_gl.dataset.generate import generate as generate_dataset  # noqa: PLC0415
 
-    names = None if outputs is None else ", ".join(name for name in outputs if name != "none")
-    config = scene.config(*([] if names is None else [f"outputs=[{names}]"]))
+    names = ", ".join(name for name in outputs or () if name != "none")
+    config = scene_config(config_name, images, models, settings, *[f"outputs=[{names}]"] * (outputs is not None))
     counts: dict[SplitName, int] = {"train": pairs, "validation": validation, "test": test}
     with _GenerationProgress() as progress:
         result = generate_dataset(
             config,
             out if out is not None else f"out/{config.name}",
             counts,
-            scene.seed,
-            backend=scene.backend,
             engine=_open_engine(engine, workers, gpus, gpu_share, sum(counts.values())),
             # Ray shows each task its GPU as number 0.
             gpus=gpus or ((0,) if gpu_share else ()),

@@ -1,17 +1,15 @@
 """Options that several commands share."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial, reduce, wraps
+from collections.abc import Callable, Sequence
+from functools import partial, reduce
 from typing import Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config, load_config, packaged_configs
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.render.backends import BACKENDS, Backend
+from semisynth_gl.render.backends import BACKENDS
 
 Callback = Callable[..., Any]
 
@@ -51,13 +49,6 @@ def split(item: Any) -> Callable[..., tuple[Any, ...] | None]:  # noqa: ANN401 -
         return None if text is None else tuple(item.convert(each.strip(), param, ctx) for each in text.split(","))
 
     return convert
-
-
-def complete_config(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Offer files and the packaged configs."""
-    names = [CompletionItem(name) for name in packaged_configs() if name.startswith(begun)]
-    # Bash drops the candidates that come before a completion of files.
-    return [CompletionItem(begun, type="file"), *names]
 
 
 images_option = partial(
@@ -103,54 +94,37 @@ map_options = options(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class SceneOptions:
-    """The options that decide what pairs show, and how they are rendered."""
+scene_options = options(
+    option(
+        "--config",
+        "config_name",
+        type=click.Path(),
+        required=True,
+        metavar="NAME_OR_PATH",
+        help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
+    ),
+    images_option(),
+    option(
+        "--models",
+        multiple=True,
+        metavar="DIR",
+        help="Folder of 3D models to add to the built-in ones and the config's folders. May be repeated.",
+    ),
+    option("--seed", type=SEED, default=0, help="Seed of the dataset: another seed makes other pairs."),
+    set_option(),
+    backend_option(),
+)
 
-    config_name: str
-    images: tuple[str, ...]
-    models: tuple[str, ...]
-    seed: int
-    settings: tuple[str, ...]
-    backend: Backend
 
-    def config(self, *settings: str) -> Config:
-        """Load the config that the options describe, with further settings."""
-        overrides: list[str | tuple[str, Any]] = [*self.settings, *settings]
-        # Passed as values: as YAML text, some file names would be read as numbers or dates.
-        if self.images:
-            overrides += [("textures.source", "images"), ("textures.images", list(self.images))]
-        if self.models:
-            folders = load_config(self.config_name, overrides).models.folders
-            overrides.append(("models.folders", [*folders, *self.models]))
-        return load_config(self.config_name, overrides)
-
-
-def scene_options(command: Callback) -> Callback:
-    """Add the options of `SceneOptions` to a command, which gets them as its parameter ``scene``."""
-
-    @wraps(command)
-    def with_scene(**values: Any) -> Any:  # noqa: ANN401 - click's
-        scene = SceneOptions(**{name: values.pop(name) for name in SceneOptions.__slots__})
-        return command(scene=scene, **values)
-
-    return options(
-        option(
-            "--config",
-            "config_name",
-            required=True,
-            metavar="NAME_OR_PATH",
-            shell_complete=complete_config,
-            help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
-        ),
-        images_option(),
-        option(
-            "--models",
-            multiple=True,
-            metavar="DIR",
-            help="Folder of 3D models to add to the built-in ones and the config's folders. May be repeated.",
-        ),
-        option("--seed", type=SEED, default=0, help="Seed of the dataset: another seed makes other pairs."),
-        set_option(),
-        backend_option(),
-    )(with_scene)
+def scene_config(
+    config_name: str, images: Sequence[str], models: Sequence[str], settings: Sequence[str], *further: str
+) -> Config:
+    """Load the config that `scene_options` describe, with further settings."""
+    overrides: list[str | tuple[str, Any]] = [*settings, *further]
+    # Passed as values: as YAML text, some file names would be read as numbers or dates.
+    if images:
+        overrides += [("textures.source", "images"), ("textures.images", list(images))]
+    if models:
+        folders = load_config(config_name, overrides).models.folders
+        overrides.append(("models.folders", [*folders, *models]))
+    return load_config(config_name, overrides)

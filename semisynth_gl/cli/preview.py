@@ -2,16 +2,18 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import Command, SceneOptions, option, scene_options
+from semisynth_gl.cli.options import Command, option, scene_config, scene_options
 from semisynth_gl.cli.outputs import OutputFile, table
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.dataset.interrupts import interrupts_end
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops, draw_texture_sheet
 from semisynth_gl.textures.image_files import printable
@@ -33,7 +35,14 @@ _FEWEST = 4
     type=click.IntRange(min=1, max=64),
     help=f"How many pairs to show.  [default: {_FEWEST}, or one for each recipe if there are more recipes]",
 )
-def preview(scene: SceneOptions, out: Path, patches: bool, pairs: int | None) -> None:
+def preview(
+    seed: int,
+    backend: Backend,
+    out: Path,
+    patches: bool,
+    pairs: int | None,
+    **scene: Any,  # noqa: ANN401 - of `scene_config`
+) -> None:
     """Draw a contact sheet: pairs, if possible one of each recipe, and their histogram against the config's.
 
     The histogram weights each recipe by its share of the scenes.
@@ -41,20 +50,20 @@ def preview(scene: SceneOptions, out: Path, patches: bool, pairs: int | None) ->
     if patches:
         if pairs is not None:
             raise InputError("--patches draws no pairs: leave --pairs out")
-        _draw_patches(scene.config().textures, scene.seed, out)
+        _draw_patches(scene_config(**scene).textures, seed, out)
         return
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with interrupts_end():
         from semisynth_gl.judge.charts import draw_sheet  # noqa: PLC0415
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
 
-    config = scene.config()
+    config = scene_config(**scene)
     recipes, target = config.recipes(), config.shown_histogram()
-    with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
+    with PairRenderer(config, seed, backend) as renderer, Progress() as progress:
         indices = renderer.sampler.overview(pairs or max(_FEWEST, len(recipes)))
         shown = [renderer.render(index) for index in progress.track(indices)]
         expected = renderer.sampler.expected()
-        title = f"{config.name}, seed {scene.seed}, {counted(len(shown), 'pair')}, {renderer.renderer_name}"
+        title = f"{config.name}, seed {seed}, {counted(len(shown), 'pair')}, {renderer.renderer_name}"
     of_recipe = [[pair for pair in shown if pair.provenance.get("recipe") == recipe.name] for recipe in recipes]
     grouped = [(recipe, pair, len(its)) for recipe, its in zip(recipes, of_recipe, strict=True) for pair in its]
     draw_sheet(

@@ -10,7 +10,7 @@ from config_texts import parse_config
 from PIL import Image
 
 from semisynth_gl.calibration.rig_files import read_rig
-from semisynth_gl.cli.options import SceneOptions
+from semisynth_gl.cli.options import scene_config
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.scene_sections import TexturesSection
@@ -73,6 +73,6 @@ def test_photographs_are_found_whatever_their_names(tmp_path, monkeypatch, name)
     folder = tmp_path / os.fsdecode(name)
     photograph(folder / os.fsdecode(b"no\xefse\n.png"))
     monkeypatch.chdir(tmp_path)
-    config = SceneOptions("kitti", (str(folder),), (), 0, ("textures.patch_px=64",), "auto").config()
+    config = scene_config("kitti", [str(folder)], [], ["textures.patch_px=64"])
     assert prepare_atlas(config.textures, Split(0)).report.images_used == 1
     assert Config.model_validate(config.model_dump(mode="json")).digest() == config.digest()
