@@ -64,25 +64,13 @@ class Histogram:
         return np.concatenate([[0.0], np.cumsum(self.shares)])
 
 
-class PixelCount:
-    """Counts the disparities of successive images in K bins, given (K + 1,) rising edges.
+def count_pixels(disparity: NDArray[np.floating], edges_px: ArrayLike) -> NDArray[np.int64]:
+    """Count the finite disparities, px, of an array of any shape in K bins, given (K + 1,) rising edges; (K,) int64.
 
-    ``counts``, (K,) int64, has the result. The first and the last bin also count disparities beyond their outer edges.
+    The first and the last bin also count disparities beyond their outer edges.
     """
-
-    def __init__(self, edges_px: ArrayLike) -> None:
-        self.edges_px = np.asarray(edges_px, np.float64)
-        self.counts = np.zeros(len(self.edges_px) - 1, np.int64)
-
-    def add(self, disparity: NDArray[np.floating]) -> None:
-        """Count the finite disparities, px, in an array of any shape."""
-        inner = np.concatenate([[-np.inf], self.edges_px[1:-1], [np.inf]])
-        self.counts += np.histogram(disparity[np.isfinite(disparity)], inner)[0]
-
-    @property
-    def histogram(self) -> Histogram:
-        """The counts as shares; raises ValueError where nothing was counted."""
-        return Histogram.from_counts(self.edges_px, self.counts)
+    inner = np.concatenate([[-np.inf], np.asarray(edges_px, np.float64)[1:-1], [np.inf]])
+    return np.histogram(disparity[np.isfinite(disparity)], inner)[0]
 
 
 def total_variation(first: Histogram, second: Histogram) -> float:

@@ -12,7 +12,7 @@ from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.fields import LARGEST
-from semisynth_gl.histogram import Histogram, PixelCount
+from semisynth_gl.histogram import Histogram, count_pixels
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.place import read_map
 
@@ -94,9 +94,8 @@ def measure_maps(paths: Sequence[Path], size: Size, png_scale: float = KITTI_DIS
                 f"the rig's images, {size}, with disparities above 0 and below their width. If a PNG has not "
                 f"{png_scale:g} levels per pixel, give its scale"
             )
-        count = PixelCount(edges)
-        count.add(disparity * np.float32(size.width_px / own.width_px))
-        shares += count.histogram.shares
+        counts = count_pixels(disparity * np.float32(size.width_px / own.width_px), edges)
+        shares += Histogram.from_counts(edges, counts).shares
     return Histogram.from_counts(edges, shares)
 
 

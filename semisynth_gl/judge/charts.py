@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.frame import Frame, as_rgb, finite_range
-from semisynth_gl.histogram import Histogram, PixelCount, total_variation
+from semisynth_gl.histogram import Histogram, count_pixels, total_variation
 from semisynth_gl.judge.comparison import Row
 from semisynth_gl.judge.pictures import COLOUR_MAP
 
@@ -63,9 +63,7 @@ def draw_sheet(
         bar = figure.colorbar(shown, ax=axes[2], pad=0.01, fraction=0.04)
         bar.set_label("px", fontsize=8)
         bar.ax.tick_params(labelsize=8)
-        count = PixelCount(target.edges_px)
-        count.add(frame.left.disparity)
-        counts += weight * count.counts
+        counts += weight * count_pixels(frame.left.disparity, target.edges_px)
     achieved = Histogram.from_counts(target.edges_px, counts) if counts.any() else None
     _draw_disparity(figure.add_subplot(grid[len(frames), :]), achieved, target)
     return figure

@@ -10,7 +10,7 @@ import numpy as np
 
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.reader import Dataset, open_dataset
-from semisynth_gl.histogram import Histogram, PixelCount, total_variation, wasserstein_px
+from semisynth_gl.histogram import Histogram, count_pixels, total_variation, wasserstein_px
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.templates import template_environment
@@ -134,15 +134,16 @@ def _measure(
     pairs, plan, first = [], dataset.about.plan, dataset[positions[0]].camera
     low = min(0.0, -first.doffs_px, target.edges_px[0])
     high = max(plan.config.disparity.max_px, target.edges_px[-1])
-    count = PixelCount(np.union1d(np.linspace(low, high, _BINS + 1), target.edges_px))
+    edges_px = np.union1d(np.linspace(low, high, _BINS + 1), target.edges_px)
+    counts = np.zeros(len(edges_px) - 1, np.int64)
     for position in positions:
         frame = dataset[position]
-        count.add(frame.left.disparity)
+        counts += count_pixels(frame.left.disparity, edges_px)
         view = make_view(width_px, frame.left.image, frame.left.disparity, signed=plan.encodings.signed)
         name = frame.name if len(plan.pairs) == 1 else f"{frame.split} {frame.name}"
         pairs.append(MeasuredPair(position, name, frame.recipe, measure_view(view)))
         listener.on_pair(FinishedPair(*dataset.pair(position)))
-    return pairs, count.histogram if count.counts.any() else None
+    return pairs, Histogram.from_counts(edges_px, counts) if counts.any() else None
 
 
 def _facts(dataset: Dataset, target: Histogram, achieved: Histogram | None) -> dict[str, str]:

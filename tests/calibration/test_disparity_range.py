@@ -14,7 +14,7 @@ from semisynth_gl.calibration.disparity_range import chosen_range, disparity_ran
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.histogram import Histogram, PixelCount, total_variation
+from semisynth_gl.histogram import Histogram, count_pixels, total_variation
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.judge.place import map_files, read_map
 
@@ -141,12 +141,12 @@ def test_a_chosen_histogram_is_smooth_and_covers_its_range():
 
 def test_a_measured_range_has_headroom_and_ignores_the_odd_pixel():
     values = np.concatenate([np.linspace(10, 60, 100_000), [399.0, 0.1]])
-    counted = PixelCount(np.arange(0, 401, 1 / 16))
-    counted.add(values)
-    found = measured_range(counted.histogram)
+    edges = np.arange(0, 401, 1 / 16)
+    measured = Histogram.from_counts(edges, count_pixels(values, edges))
+    found = measured_range(measured)
     assert found.min_px == 10
     assert 64 < found.max_px < 72
-    assert total_variation(found.target, counted.histogram) < 1e-9
+    assert total_variation(found.target, measured) < 1e-9
 
 
 @pytest.mark.parametrize("doffs_px", [0, 31.5])

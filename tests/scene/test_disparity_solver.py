@@ -18,7 +18,7 @@ from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.model_units import make_model
 from semisynth_gl.geometry.silhouette import mean_silhouette
-from semisynth_gl.histogram import Histogram, PixelCount, total_variation, wasserstein_px
+from semisynth_gl.histogram import Histogram, count_pixels, total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
@@ -46,10 +46,7 @@ def test_distances_of_shifted_blocks_are_known():
 
 
 def test_pixels_beyond_the_edges_count_in_the_outer_bins():
-    count = PixelCount([0, 10, 20])
-    count.add(np.array([[-1, 3, np.inf], [15, 99, np.nan]]))
-    assert count.counts.tolist() == [2, 2]
-    assert count.histogram.quantile(0.5) == 10
+    assert count_pixels(np.array([[-1, 3, np.inf], [15, 99, np.nan]]), [0, 10, 20]).tolist() == [2, 2]
 
 
 # Forms
@@ -63,9 +60,8 @@ def target(form, **camera):
 def test_uniform_in_depth_is_what_thrown_depths_show():
     made = target({"form": "uniform-depth"}, **{"camera.doffs_px": 10.0})
     depth = np.random.default_rng(0).uniform(1050 / (300 + 10), 1050 / (4 + 10), 400_000)
-    thrown = PixelCount(made.edges_px)
-    thrown.add(1050 / depth - 10)
-    assert total_variation(made, thrown.histogram) < 0.003
+    thrown = Histogram.from_counts(made.edges_px, count_pixels(1050 / depth - 10, made.edges_px))
+    assert total_variation(made, thrown) < 0.003
 
 
 @pytest.mark.parametrize("origin_px", [0, 20])
@@ -262,14 +258,15 @@ def test_rendered_histograms_follow_their_targets(name, sections):
     """Over 200 pairs the figures are a third of these: benchmarks/results/targets.json."""
     config = tiny(name, **sections).model_copy(update={"truth": "left", "outputs": ()})
     wanted = config.wanted_histogram()
-    count, medians = PixelCount(wanted.edges_px), []
+    counts, medians = 0, []
     with PairRenderer(config, 0) as pairs:
         for index in range(16):
             disparity = pairs.render(index).frame.left.disparity
-            count.add(disparity)
+            counts += count_pixels(disparity, wanted.edges_px)
             medians.append(np.median(disparity))
-    assert total_variation(wanted, count.histogram) < 0.09
-    assert wasserstein_px(wanted, count.histogram) < 0.08 * wanted.mean_px
+    shown = Histogram.from_counts(wanted.edges_px, counts)
+    assert total_variation(wanted, shown) < 0.09
+    assert wasserstein_px(wanted, shown) < 0.08 * wanted.mean_px
     assert np.std(medians) > 0.05 * wanted.mean_px
 
 

@@ -17,7 +17,7 @@ from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.histogram import PixelCount, total_variation
+from semisynth_gl.histogram import Histogram, count_pixels, total_variation
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.mix import MixSampler, recipe_numbers
@@ -201,13 +201,13 @@ def test_a_dataset_of_several_recipes_comes_to_its_target():
     config = mixed(small(), recipes)
     target = config.wanted_histogram()
     with PairRenderer(config, 0) as pairs:
-        expected, count = pairs.sampler.expected(), PixelCount(target.edges_px)
+        expected, counts = pairs.sampler.expected(), 0
         for index in range(60):
-            count.add(pairs.render(index, checked=False).frame.left.disparity)
+            counts += count_pixels(pairs.render(index, checked=False).frame.left.disparity, target.edges_px)
         shown = {sampler.recipe: sampler.disparity_solver.expected() for sampler in pairs.sampler.samplers}
     assert min(total_variation(target, shown[name]) for name in ("far", "near")) > 0.25
     assert total_variation(target, expected) < 0.05
-    assert total_variation(expected, count.histogram) < 0.06
+    assert total_variation(expected, Histogram.from_counts(target.edges_px, counts)) < 0.06
 
 
 def test_faults_of_a_recipes_scenes_name_it():
