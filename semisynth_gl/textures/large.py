@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +12,15 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import inside_borders
 from semisynth_gl.textures.crops import Square, cut_crop, texture_measure
-from semisynth_gl.textures.pictures import TextureImage, pixels_of
+from semisynth_gl.textures.images import read_image
+from semisynth_gl.textures.pictures import Picture
 
 MOST_LARGE = 24
 """Largest number of large patches of an atlas; with sides of 1024 pixels they take 100 MB."""
 
 
 def with_large_patches(
-    atlas: Atlas, images: Mapping[str, TextureImage], section: TexturesSection, rng: np.random.Generator
+    atlas: Atlas, images: Mapping[str, Path | Picture], section: TexturesSection, rng: np.random.Generator
 ) -> Atlas:
     """Return an atlas with large patches added: one for each subject, up to `MOST_LARGE`.
 
@@ -36,7 +38,8 @@ def with_large_patches(
     order = [of_one[int(rng.integers(len(of_one)))] for of_one in some]
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
     for number, name in enumerate(order, start=len(atlas.layers)):
-        pixels = pixels_of(images[name])
+        image = images[name]
+        pixels = image.pixels if isinstance(image, Picture) else read_image(image)
         inside = inside_borders(pixels)
         side = min(inside.height_px, inside.width_px)
         left, top = (int(rng.integers(free + 1)) for free in (inside.width_px - side, inside.height_px - side))

@@ -1,13 +1,11 @@
 """Painted pictures, which are held in memory: patches are cut from them as from photographs."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.textures.images import read_image
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,12 +22,3 @@ class Picture:
         shape, kind = np.shape(self.pixels), getattr(self.pixels, "dtype", None)
         if len(shape) != 3 or shape[2] != 3 or kind != np.uint8:
             raise InputError(f"picture {self.name!r}: expected an array (H, W, 3) of uint8, got {shape} {kind}")
-
-
-TextureImage = Path | Picture
-"""An image that patches are cut from: a file, or a picture in memory."""
-
-
-def pixels_of(image: TextureImage) -> NDArray[np.uint8]:
-    """Return the pixels of an image, (H, W, 3) uint8 RGB; a file is read by `read_image`, with the same errors."""
-    return image.pixels if isinstance(image, Picture) else read_image(image)
