@@ -1,12 +1,11 @@
 """Builds an atlas from images: chooses the crops that become patches."""
 
 import hashlib
-from collections import Counter, defaultdict, deque
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby, zip_longest
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -24,8 +23,6 @@ from semisynth_gl.textures.subjects import subject_numbers
 PATCHES_PER_SUBJECT = 4
 """Once the atlas is full and no subject has more patches than this, no further image is opened: decoding takes most of
 the time."""
-
-_Item = TypeVar("_Item")
 
 
 def build_atlas(
@@ -65,7 +62,8 @@ def build_atlas(
     pending = {int(number): clips[number] for number in rng.permutation(len(clips))}
     opened: dict[int, _Opened] = {}  # by number, in the order of opening
     painted: dict[str, str] = {}
-    for number, image in _in_turn(list(pending.items()), enumerate(pictures or (), start=len(clips))):
+    in_turn = zip_longest(list(pending.items()), enumerate(pictures or (), start=len(clips)))
+    for number, image in filter(None, chain.from_iterable(in_turn)):
         if isinstance(image, Picture):
             painted[image.name] = hashlib.sha256(image.pixels.tobytes()).hexdigest()
             height, width = image.pixels.shape[:2]
@@ -169,17 +167,6 @@ def _counts(crops: Sequence[Crop]) -> Iterator[CropCount]:
     for side, of_side in groupby(crops, lambda crop: crop.square.side_px):
         outcomes = Counter[str](crop.outcome for crop in of_side)
         yield CropCount(crops[0].square.source, side, **outcomes)
-
-
-def _in_turn(*sources: Iterable[_Item]) -> Iterator[_Item]:
-    """Yield one item of each source in turn; a source is not asked for an item before its turn."""
-    waiting = deque(map(iter, sources))
-    while waiting:
-        source = waiting.popleft()
-        for item in source:
-            yield item
-            waiting.append(source)
-            break
 
 
 def _alternate_sides(crops: Sequence[Crop], rng: np.random.Generator) -> list[Crop]:
