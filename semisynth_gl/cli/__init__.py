@@ -8,7 +8,6 @@ from typing import NoReturn
 
 import click
 
-from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_raise
 from semisynth_gl.inputs.errors import SemisynthError
 
 # The exit code of wrong input, and of a run that was stopped or ran out of disk space: the same command resumes it.
@@ -26,8 +25,7 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002 - click's signature
         if cmd_name not in _COMMANDS:
             return None
-        with interrupts_end():
-            command: click.Command = getattr(import_module(f"semisynth_gl.cli.{cmd_name}"), cmd_name)
+        command: click.Command = getattr(import_module(f"semisynth_gl.cli.{cmd_name}"), cmd_name)
         return command
 
 
@@ -46,24 +44,19 @@ def main() -> NoReturn:
     # The library's log messages announce work that takes seconds.
     logging.basicConfig(format="%(message)s", force=True)
     logging.getLogger("semisynth_gl").setLevel(logging.INFO)
-    try:
-        with interrupts_raise():
-            code = _run()
-    except KeyboardInterrupt:
-        click.echo("Stopped. Complete files and shards stay on disk.", err=True)
-        code = _REFUSED
-    sys.exit(code)
+    sys.exit(_run())
 
 
 def _run() -> int:
-    """Run the command line; return its exit code. Ctrl-C raises KeyboardInterrupt."""
+    """Run the command line; return its exit code."""
     try:
         return semisynth_gl.main(standalone_mode=False) or 0
     except click.ClickException as error:
         error.show()
         return error.exit_code
-    except click.Abort:  # what click makes of KeyboardInterrupt
-        raise KeyboardInterrupt from None
+    except (click.Abort, KeyboardInterrupt):  # click makes one of the other
+        click.echo("Stopped. Complete files and shards stay on disk.", err=True)
+        return _REFUSED
     except MemoryError:
         text = "the memory is full. Use fewer --workers, smaller images or patches, or fewer models and particles."
     except SemisynthError as error:

@@ -19,7 +19,7 @@ from semisynth_gl.cli.options import (
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import Config
 from semisynth_gl.config.dataset_sections import LAYOUTS
-from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_stop
+from semisynth_gl.dataset.interrupts import interrupts_stop
 from semisynth_gl.frame.channels import OUTPUTS, View
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.listener import FinishedPair
@@ -125,8 +125,7 @@ def generate(
     outputs need sequences, which the config's section sequence makes. The config's section files chooses encodings.
     """
     # Imported here: help and completion need no renderer.
-    with interrupts_end():
-        from semisynth_gl.dataset.generate import generate as generate_dataset  # noqa: PLC0415
+    from semisynth_gl.dataset.generate import generate as generate_dataset  # noqa: PLC0415
 
     names = ", ".join(name for name in outputs or () if name != "none")
     config = scene_config(config_name, images, models, settings, *[f"outputs=[{names}]"] * (outputs is not None))

@@ -10,7 +10,6 @@ from semisynth_gl.cli.options import Command, option, scene_config, scene_option
 from semisynth_gl.cli.outputs import OutputFile, table
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.dataset.interrupts import interrupts_end
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.render.backends import Backend
@@ -53,9 +52,8 @@ def preview(
         _draw_patches(scene_config(**scene).textures, seed, out)
         return
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
-    with interrupts_end():
-        from semisynth_gl.judge.charts import draw_sheet  # noqa: PLC0415
-        from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
+    from semisynth_gl.judge.charts import draw_sheet  # noqa: PLC0415
+    from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
 
     config = scene_config(**scene)
     recipes, target = config.recipes(), config.shown_histogram()

@@ -10,7 +10,7 @@ from socket import create_connection
 from typing import Any
 
 from semisynth_gl.dataset.engines import Recorder, keep_freed_memory
-from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_kept
+from semisynth_gl.dataset.interrupts import interrupts_kept
 from semisynth_gl.dataset.make import Job, ShardMaker
 from semisynth_gl.inputs.errors import (
     ContextLostError,
@@ -111,9 +111,8 @@ def _ray() -> Any:  # noqa: ANN401 - a module
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     try:
-        with interrupts_end():
-            import_module("ray.cloudpickle")
-            return import_module("ray")
+        import_module("ray.cloudpickle")
+        return import_module("ray")
     except ImportError as error:
         raise InputError(
             f"the engine ray needs the package ray, which cannot be imported ({error}): "
