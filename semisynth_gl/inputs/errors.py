@@ -59,11 +59,6 @@ class WorkerError(SemisynthError):
     """A worker process ended before its task."""
 
 
-def no_folder(path: Path, argument: str) -> InputError:
-    """Return an error about an argument that names a path where no folder is."""
-    return InputError(f"{path}: {'is a file' if path.exists() else 'there is no such folder'}", argument=argument)
-
-
 @dataclass(frozen=True, slots=True)
 class Skipped:
     """A file that was skipped, and a clause that says why, such as ``"has no triangles"``."""

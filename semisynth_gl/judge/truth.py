@@ -20,7 +20,7 @@ from semisynth_gl.dataset.documents import INDEX, PLAN
 from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.dataset.root import path_of, read_whole
 from semisynth_gl.frame.channels import VISIBLE
-from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, counted, cut, no_folder
+from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, counted, cut
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.protocol import ProtocolName, Truth
 from semisynth_gl.seeds.splits import SplitName
@@ -120,7 +120,8 @@ def disparity_maps(folder: Path, argument: str) -> list[Path]:
     Raises InputError about ``argument`` where the folder does not exist, and ReadError where a PNG cannot be read.
     """
     if not folder.is_dir():
-        raise no_folder(folder, argument)
+        found = "is a file" if folder.exists() else "there is no such folder"
+        raise InputError(f"{folder}: {found}", argument=argument)
     return [path for path in _files(folder, "*.*") if path.suffix.lower() in MAP_EXTENSIONS and is_disparity_map(path)]
 
 

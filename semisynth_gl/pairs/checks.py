@@ -8,8 +8,8 @@ from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.textures.crops import least_texture
 
-# Every so many rows are summed first: in a usual image, these rows keep the mean above the limit even if all others are
-# black.
+# The mean of every so many rows is taken first: in a usual image, these rows keep the mean above the limit even if all
+# others are black.
 _ROWS = 8
 
 # Factor over the limit at which a sample of every 64th pixel proves that the image has enough texture.
@@ -31,10 +31,9 @@ def faults(frame: Frame, config: Config, sampled: SampledScene | None = None) ->
     tells which disparities to expect; None for a frame that has passed the lenses.
     """
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
-    if not all(_surely_bright(image, section.min_brightness) for image in images):
-        brightness = float(min(image.mean() for image in images))
-        if brightness < section.min_brightness:
-            clauses.append(f"too dark: mean {brightness:.1f} levels, at least {section.min_brightness:g} wanted")
+    of_rows, least = min(image[::_ROWS].mean() for image in images), section.min_brightness
+    if of_rows < _ROWS * least and (brightness := min(image.mean() for image in images)) < least:
+        clauses.append(f"too dark: mean {brightness:.1f} levels, at least {least:g} wanted")
     # `least_texture` halves both sides again. Every 64th pixel takes a tenth of the time, and settles usual images.
     sampled_texture = least_texture(image[::4, ::4] for image in images)
     if sampled_texture < _AMPLE * section.min_texture and (texture := least_texture(images)) < section.min_texture:
@@ -77,9 +76,3 @@ def _view_faults(
     if valid and smallest < least_px:
         return [f"too deep: disparity {smallest:.3f} px in a room, at least {least_px:.3f} wanted"]
     return []
-
-
-def _surely_bright(image: NDArray[np.uint8], least: float) -> bool:
-    """Return True if some of the rows prove that the image's mean is not below a limit; False proves nothing."""
-    # The factor allows for the rounding of the mean.
-    return int(image[::_ROWS].sum(dtype=np.uint64)) * (1 - 1e-9) >= least * image.size
