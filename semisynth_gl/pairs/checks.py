@@ -1,7 +1,6 @@
 """Cheap checks of a rendered pair; a pair that fails them is sampled again from another sub-seed."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame.frame import Frame, finite_range
@@ -52,27 +51,18 @@ def _disparity_faults(frame: Frame, config: Config, sampled: SampledScene | None
     # The margin is a share of f B / Z, which is the disparity plus doffs: a signed disparity may be 0 or negative.
     doffs_px = frame.camera.doffs_px if config.disparity.signed else 0.0
     near_plane_px = (config.disparity.max_px + doffs_px) * (1 - _AT_NEAR_PLANE) - doffs_px
-    clauses = []
+    limits, clauses = config.checks, []
     for view in (frame.left, frame.right):
-        disparity = view.get("disparity")
-        if disparity is not None:
-            clauses += _view_faults(disparity, config, near_plane_px, least_px, everywhere=everywhere)
+        if "disparity" not in view:
+            continue
+        valid, smallest, largest = finite_range(view.disparity)
+        share, missing = valid / view.disparity.size, view.disparity.size - valid
+        if valid < limits.min_valid * view.disparity.size:
+            clauses.append(f"too few pixels with truth: {share:.3f}, at least {limits.min_valid:g} wanted")
+        elif valid and largest > near_plane_px:
+            clauses.append(f"cut by the near plane: disparity {largest:.3f} px of {config.disparity.max_px:g}")
+        elif missing and everywhere:
+            clauses.append(f"too deep: no disparity for {missing} pixels in view")
+        elif valid and smallest < least_px:
+            clauses.append(f"too deep: disparity {smallest:.3f} px in a room, at least {least_px:.3f} wanted")
     return clauses
-
-
-def _view_faults(
-    disparity: NDArray[np.float32], config: Config, near_plane_px: float, least_px: float, *, everywhere: bool
-) -> list[str]:
-    """Return the first fault of a view's disparity, or an empty list; ``everywhere`` each pixel must have one."""
-    valid, smallest, largest = finite_range(disparity)
-    missing = disparity.size - valid
-    if valid < config.checks.min_valid * disparity.size:
-        share, least = valid / disparity.size, config.checks.min_valid
-        return [f"too few pixels with truth: {share:.3f}, at least {least:g} wanted"]
-    if valid and largest > near_plane_px:
-        return [f"cut by the near plane: disparity {largest:.3f} px of {config.disparity.max_px:g}"]
-    if missing and everywhere:
-        return [f"too deep: no disparity for {missing} pixels in view"]
-    if valid and smallest < least_px:
-        return [f"too deep: disparity {smallest:.3f} px in a room, at least {least_px:.3f} wanted"]
-    return []
