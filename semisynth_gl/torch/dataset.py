@@ -33,8 +33,7 @@ class StereoDataset(PairDataset):
     Raises:
         InputError: where the address has no dataset, the dataset is not finished or has no such split, or an argument
             cannot be used.
-        ReadError: where a crop or an augmentation is asked for, and the first pair, whose size is looked up, cannot be
-            read.
+        ReadError: where the dataset's index is damaged.
     """
 
     def __init__(
@@ -48,14 +47,10 @@ class StereoDataset(PairDataset):
         transform: Transform | None = None,
     ) -> None:
         self.pairs = open_dataset(address, split)
-        about = self.pairs.about
-        self._seed = about.plan.seed if seed is None else to_whole("seed", seed, least=0)
-        self._pairs_in_sequence = about.plan.config.sequence.length * about.plan.views
-        sides = (0, 0)
-        if crop is not None or augmentation is not None:
-            camera = self.pairs[0].camera
-            sides = camera.height_px, camera.width_px
-        super().__init__(sides, crop, augmentation, transform)
+        plan = self.pairs.about.plan
+        self._seed = plan.seed if seed is None else to_whole("seed", seed, least=0)
+        self._pairs_in_sequence = plan.config.sequence.length * plan.views
+        super().__init__(plan.size, crop, augmentation, transform)
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -68,7 +63,6 @@ class StereoDataset(PairDataset):
             IndexError: where the dataset has fewer pairs.
             ReadError: where a file is missing, cut off or cannot be read.
         """
-        number = to_whole("number", number)
         split, index = self.pairs.pair(number)
 
         def read(crop: Crop | None) -> Frame:
