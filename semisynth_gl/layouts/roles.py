@@ -58,10 +58,6 @@ class Role:
     arrays: frozenset[str] = frozenset()
 
 
-def _codec_of(channel: Channel[Any]) -> Callable[[Encodings], Codec[Any]]:
-    return methodcaller("codec", channel)
-
-
 def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
     """Return the name of the role of a channel's values at visible points only, such as ``not_occluded_left``."""
     return f"{channel.name.removeprefix('disparity')}_not_occluded_{eye}".removeprefix("_")
@@ -163,7 +159,7 @@ def _roles_of(eye: Eye) -> dict[str, Role]:
         """Return the role of a file with the codec of ``like``, and the output of the first channel that it needs."""
         return Role(
             meaning.format(view=eye, other=OTHER_EYE[eye]),
-            _codec_of(like),
+            methodcaller("codec", like),
             lambda sample: value(sample.frame.view(eye)),
             channels[0].output,
             eye if channels[0].is_truth else None,
@@ -188,8 +184,8 @@ def _roles_of(eye: Eye) -> dict[str, Role]:
 ROLES: Mapping[str, Role] = {
     **_roles_of("left"),
     **_roles_of("right"),
-    "right_under": Role("right image a stop darker", _codec_of(View.image), partial(_exposed, -1)),
-    "right_over": Role("right image a stop brighter", _codec_of(View.image), partial(_exposed, 1)),
+    "right_under": Role("right image a stop darker", methodcaller("codec", View.image), partial(_exposed, -1)),
+    "right_over": Role("right image a stop brighter", methodcaller("codec", View.image), partial(_exposed, 1)),
     "objects": Role(
         "8-bit: 1 to 255 for objects, 0 for all else; of the left view",
         lambda _: GREY8,
