@@ -77,6 +77,7 @@ def photographs(tmp_path):
 
 def test_generate_writes_a_dataset_that_opencv_reads(call, tmp_path, photographs):
     command = ("generate", "--config", "middlebury.yaml", "--images", photographs, "--out", "data/lab", *SMALL)
+    command += ("--outputs", "visibility,depth")
     done = run(*command, "--pairs", 2, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "2 pairs in data/lab\n"
@@ -90,6 +91,7 @@ def test_generate_writes_a_dataset_that_opencv_reads(call, tmp_path, photographs
     index = json.loads((tmp_path / "data/lab/index.json").read_text())
     assert index["pairs"] == {"train": 2}
     assert index["config_values"]["camera"]["width_px"] == 160
+    assert index["config_values"]["outputs"] == ["visibility", "depth"]
     refused(call(*command, "--seed", 4, "--pairs", 2), "seed", "overwrite")
     before = scene.stat().st_mtime_ns
     assert call(*command, "--pairs", 2).returncode == 0
