@@ -67,7 +67,7 @@ def calibrate(
 
     Args:
         images: the photographs, rectified or as the cameras take them: files, folders and globs.
-        calib: calibration files of any tool that writes YAML, JSON, XML, .npz, .npy or text. Where they state the
+        calib: calibration files of most tools that write YAML, JSON, XML, .npz, .npy or text. Where they state the
             cameras before rectification, the config gets the section lens, for which OpenCV is needed.
         focal_px: focal length; with ``baseline_m`` and ``size``, instead of ``calib``.
         baseline_m: distance between the cameras.
