@@ -89,7 +89,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if backend_fault("egl") is not None or "llvmpipe" not in context_facts("egl")["renderer"]:
         return
     out = [
-        item for item in items if item.get_closest_marker("one_backend") and item.callspec.params["backend"] == "osmesa"
+        item
+        for item in items
+        if item.get_closest_marker("one_backend")
+        and "backend" in item.fixturenames
+        and item.callspec.params["backend"] == "osmesa"
     ]
     config.hook.pytest_deselected(items=out)
     items[:] = [item for item in items if item not in set(out)]

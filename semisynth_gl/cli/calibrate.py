@@ -46,8 +46,8 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     "--calib",
     multiple=True,
     metavar="FILE_OR_GLOB",
-    help="Calibration file of most tools: YAML, JSON, XML, .npz, .npy, .conf or text. May be repeated, for the files of "
-    "both cameras.",
+    help="Calibration file of most tools: YAML, JSON, XML, .npz, .npy, .conf or text. May be repeated, for the files "
+    "of both cameras.",
 )
 @option(
     "--calib-keys",
