@@ -69,8 +69,8 @@ def disparity_range(
             argument="range_px",
         )
     near_m, far_m = range_m
-    if not 0 < near_m < far_m:
-        text = f"expected two distances above 0, the nearer one first, got {near_m:g} {far_m:g}"
+    if not 0 < near_m < far_m <= LARGEST:
+        text = f"expected two distances above 0 and up to {LARGEST:g} m, the nearer one first, got {near_m:g} {far_m:g}"
         raise InputError(text, argument="range_m")
     return chosen_range(focal_baseline / far_m - doffs_px, focal_baseline / near_m - doffs_px, doffs_px)
 

@@ -58,8 +58,8 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
     config = parse_values(sections, "the trial's config")
     shares = np.zeros((len(scenes), len(wanted.shares)))
     trial: list[list[list[Floats]]] = [[[] for _ in TEXELS] for _ in scenes]
-    listener.on_total(pairs * len(cells))
     with PairRenderer(config, _SEED) as renderer:
+        listener.on_total(pairs * len(cells))
         for made, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
             # Expected shares do not depend on texels.
             if made.config.particles.layers is not None:

@@ -211,6 +211,19 @@ def test_wrong_input_writes_nothing(program, tmp_path, arguments, words):
     assert not list(tmp_path.glob("*.yaml"))
 
 
+@pytest.mark.parametrize("value", ["1e300", "inf", "nan", "-1e300"])
+def test_numbers_of_no_rig_are_refused(program, tmp_path, value):
+    photographs(tmp_path / "photos", size=(40, 30))
+    rig = ("--focal-px", 70, "--baseline-m", 0.1, "--size", "40x30")
+    for option in ("--focal-px", "--baseline-m", "--scale", "--png-scale", "--alpha", "--range-px 1", "--range-m 1"):
+        reach = ("--range-px", 1, 9) if option != "--range-m 1" else ()
+        code, _, err = program(
+            "calibrate", "--images", "photos", *rig, *reach, "--trials", 0, "--out", "a.yaml", *option.split(), value
+        )
+        assert code == 2, option
+        assert ("the range of disparity is 1 to" if option == "--range-px 1" else option.split()[0]) in err
+
+
 def test_the_command_loads_no_package_that_it_does_not_use():
     show = "import sys, semisynth_gl.cli.{}; print({{'trimesh', 'scipy', 'matplotlib'}} & {{*sys.modules}})"
     for module in ("calibrate", "preview"):
