@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.inputs.errors import BackendError, counted
 from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.programs import link_program
 
 _UNIT = 0  # texture unit of the sampler in mesh.frag
 
@@ -55,7 +56,36 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
     # moderngl makes only the texture; its own storage has no room for smaller levels.
     atlas = context.gl.texture_array((1, 1, 1), 4)
     context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers), software=context.software)
-    atlas.build_mipmaps()
+    _draw_levels(context, atlas, side, count)
+    atlas.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     if mirrored:
         context.unbound.mirror_beyond_border(atlas.glo)
     return atlas
+
+
+def _draw_levels(context: GraphicsContext, atlas: moderngl.TextureArray, side: int, count: int) -> None:
+    """Draw the smaller levels of an atlas, each from the next larger one.
+
+    The bytes equal those of llvmpipe's own mipmaps. For these it would compile code in each new context, which takes
+    longer than everything else in opening a renderer; the shaders used here come from its cache.
+    """
+    gl, unbound = context.gl, context.unbound
+    in_use = gl.fbo
+    program = link_program(context, "level.vert", "level.frag", {}, "level.geom")
+    draw = gl.vertex_array(program, [])
+    # This image is never drawn to: moderngl takes the framebuffer's size from it.
+    whole = gl.renderbuffer((side, side), 4)
+    framebuffer = gl.framebuffer([whole])
+    framebuffer.use()
+    gl.enable_only(moderngl.NOTHING)
+    atlas.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    atlas.use(_UNIT)
+    for level in range(1, side.bit_length()):
+        unbound.read_levels(atlas.glo, level - 1, level - 1)
+        unbound.draw_to_level(framebuffer.glo, atlas.glo, level)
+        framebuffer.viewport = (0, 0, side >> level, side >> level)
+        draw.render(moderngl.TRIANGLE_FAN, 4, instances=count)
+    unbound.read_levels(atlas.glo, 0, side.bit_length() - 1)
+    in_use.use()
+    for resource in (framebuffer, whole, draw, program):
+        resource.release()

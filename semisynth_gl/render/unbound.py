@@ -14,8 +14,9 @@ _GL_DEPTH_COMPONENT32F = 0x8CAC
 _GL_COLOR, _GL_DEPTH = 0x1800, 0x1801
 _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T = 0x2802, 0x2803
 _GL_MIRRORED_REPEAT = 0x8370
+_GL_TEXTURE_BASE_LEVEL, _GL_TEXTURE_MAX_LEVEL = 0x813C, 0x813D
 _GL_R8, _GL_R32F, _GL_RGB8, _GL_RGBA8, _GL_RED, _GL_RGBA = 0x8229, 0x822E, 0x8051, 0x8058, 0x1903, 0x1908
-_GL_UNSIGNED_BYTE, _GL_UNPACK_ALIGNMENT = 0x1401, 0x0CF5
+_GL_UNSIGNED_BYTE, _GL_COLOR_ATTACHMENT0, _GL_UNPACK_ALIGNMENT = 0x1401, 0x8CE0, 0x0CF5
 
 _UINT, _INT = ctypes.c_uint, ctypes.c_int
 _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
@@ -37,6 +38,7 @@ class UnboundCalls:
         self._texture_storage = function("glTextureStorage3D", _UINT, _INT, _UINT, _INT, _INT, _INT)
         self._texture_write = function("glTextureSubImage3D", _UINT, *[_INT] * 7, _UINT, _UINT, ctypes.c_void_p)
         self._pixel_store = function("glPixelStorei", _UINT, _INT)
+        self._attach_level = function("glNamedFramebufferTexture", _UINT, _UINT, _UINT, _INT)
         self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
 
     def set_up(self) -> None:
@@ -73,7 +75,8 @@ class UnboundCalls:
         """Give an array texture storage of several levels, and upload layers, (L, P, P, 4) or (L, P, P) uint8.
 
         moderngl's own storage has one level. No shader reads the alpha. In ``software``, three components are filtered
-        sooner than four, and one of 32 bits sooner than one of 8.
+        sooner than four, and one of 32 bits sooner than one of 8; other drivers may be unable to draw levels without
+        alpha.
         """
         count, side = layers.shape[:2]
         given, stored = (_GL_RGBA, _GL_RGB8 if software else _GL_RGBA8)
@@ -84,6 +87,15 @@ class UnboundCalls:
         # Rows of one component may have any number of bytes. moderngl sets the alignment again whenever it writes.
         self._pixel_store(_GL_UNPACK_ALIGNMENT, 1)
         self._texture_write(texture, *everything, given, _GL_UNSIGNED_BYTE, layers.ctypes.data)
+
+    def read_levels(self, texture: int, first: int, last: int) -> None:
+        """Restrict shaders' look-ups in a texture to the levels from ``first`` to ``last``."""
+        self._texture_parameter(texture, _GL_TEXTURE_BASE_LEVEL, first)
+        self._texture_parameter(texture, _GL_TEXTURE_MAX_LEVEL, last)
+
+    def draw_to_level(self, framebuffer: int, texture: int, level: int) -> None:
+        """Make all layers of one level of a texture the first colour attachment of a framebuffer."""
+        self._attach_level(framebuffer, _GL_COLOR_ATTACHMENT0, texture, level)
 
     def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int) -> None:
         """Give a renderbuffer 32-bit float depth storage, which all drivers have; moderngl's own is 24-bit integer."""

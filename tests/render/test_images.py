@@ -10,6 +10,7 @@ from scenes import SQUARE, facing, noise_layers, one_model
 
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.render import patches
 from semisynth_gl.scene.scene import make_scene
 
 pytestmark = pytest.mark.one_backend
@@ -104,3 +105,19 @@ def test_smaller_levels_are_means(open_renderer, grey):
         scene = make_scene(camera, model=[0], world_from_model=[facing(camera, 0, 0, side, side, 2.0)], layer=[2])
         image = renderer.render(scene).left.image[:side, :side]
         assert np.abs(image - (mean[..., 0] if grey else mean)).max() <= level
+
+
+def test_levels_of_any_side_have_the_bytes_of_the_software_drivers_own(open_renderer, monkeypatch):
+    camera, drawn = StereoCamera.centred(60, 40, 100.0, 0.1), patches._draw_levels  # noqa: SLF001
+    for side in (2, 37, 333):
+        images = []
+        for levels in (drawn, lambda _context, atlas, *_: atlas.build_mipmaps()):
+            monkeypatch.setattr(patches, "_draw_levels", levels)
+            renderer = open_renderer([SQUARE], noise_layers(2, side))
+            if "llvmpipe" not in renderer.renderer_name:
+                pytest.skip("other drivers halve in their own ways")
+            tilted = facing(camera, 0, 0, 60, 40, 2.0)
+            tilted[2, :2] = 0.5, 0.7
+            scene = make_scene(camera, model=[0], world_from_model=[tilted], layer=[1], uv_scale=[[20, 9]])
+            images.append(renderer.render(scene).left.image)
+        np.testing.assert_array_equal(*images)

@@ -1,0 +1,13 @@
+#version 450 core
+// A texel of a patch at half its size: the mean of four texels, or the filter's approximation where a side is odd.
+
+in vec2 patch_coordinate;
+flat in int patch_layer;
+
+layout(binding = 0) uniform sampler2DArray atlas;  // its base level is the one to halve
+
+layout(location = 0) out vec4 colour;
+
+void main() {
+    colour = texture(atlas, vec3(patch_coordinate, float(patch_layer)));
+}
