@@ -65,7 +65,7 @@ class Encodings:
         return replace(self, image=grey or ThreeEqual(self.image))
 
     def codec(self, channel: Channel[Any]) -> Codec[Any]:
-        """Return the codec of a channel's files; only those of images, disparities and flow are the dataset's own."""
+        """Return the codec of a channel's files; a dataset chooses it for images, disparities and flow."""
         own = {"image": self.image, "raw": self.image, "disparity": self.disparity}
         own |= {"flow": self.flow, "flow_backward": self.flow}
         return own.get(channel.name) or _CODECS[channel.dtype.name, channel.components]

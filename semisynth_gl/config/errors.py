@@ -19,7 +19,7 @@ def reason_of(fault: ErrorDetails) -> str:
 
 
 def explained(error: ValidationError, layer: Layer) -> str:
-    """Return a line for each fault that pydantic found in a layer's values; recipes repeat those of the config."""
+    """Return a line for each fault that pydantic found in a layer's values; each recipe repeats the config's faults."""
     faults = error.errors(include_url=False)
     own = [fault for fault in faults if fault["loc"][2:3] != ("config",)]
     return "\n".join(dict.fromkeys(_line(fault, layer) for fault in own or faults))

@@ -127,7 +127,7 @@ def draw_error_map(comparison: PixelComparison) -> NDArray[np.uint8]:
 
 
 def evaluate_views(predictions: Path, predictions_right: Path) -> dict[str, Any]:
-    """Judge the maps of a left view's folder by those of a right view's folder with the same paths.
+    """Judge a folder of left views' maps by a folder of right views' maps, which have the same paths.
 
     Returns:
         The content of ``--json``, in JSON's types: ``confirmed_px`` (see `CONFIRMED_PX`), the number of ``pairs``,

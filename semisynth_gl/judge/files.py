@@ -49,7 +49,7 @@ def check_index(index: StoredIndex, verdict: Verdict) -> None:
 def check_shard(index: StoredIndex, shard: Shard, entry: ShardEntry, verdict: Verdict) -> Record | None:
     """Compare a shard's record with its entry in the index, and its tar with the record.
 
-    Return the record; None where it cannot be read.
+    Returns the record, or None if it cannot be read.
     """
     try:
         record = read_record(index.root, shard, packed=index.plan.layout.packed)

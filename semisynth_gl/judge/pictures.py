@@ -21,7 +21,7 @@ COLOUR_MAP = "inferno"
 WIDEST_PX = 1024
 """Wider pairs are embedded at 1/2, 1/3 ... of their size, so that they are at most this wide."""
 MASKS = {
-    "hidden in the right view": (230, 97, 0),
+    "occluded in the right view": (230, 97, 0),
     "outside the right view": (93, 58, 155),
     "no disparity": (64, 96, 192),
 }

@@ -29,7 +29,7 @@ class Truth:
 
     Attributes:
         disparity: float32 px, inf where unknown.
-        visible: True where the right view sees the point too; None where the set has no mask.
+        visible: True where the right view also sees the point; None if the set has no mask.
         objects: 0 in the background, the number of an object elsewhere, as in KITTI's obj_map; None without such a map.
         ndisp: upper bound of the disparities, px, as of calib.txt; None for no bound.
         isint: whether the disparities are whole pixels, as of calib.txt.

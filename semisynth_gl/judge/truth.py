@@ -207,7 +207,7 @@ def read_limits(path: Path) -> dict[str, Any]:
 def _keys(path: PurePath) -> list[str]:
     """Return a map's path without extension, then without its first folder too, and so on.
 
-    For a map named disp0..., the path of its folder takes the place of its own.
+    A map named disp0... has its folder's path instead.
     """
     path = path.parent if path.name.startswith("disp0") else path.with_suffix("")
     parts = str(path.as_posix()).removesuffix(".disp").split("/")

@@ -37,7 +37,7 @@ class Verification:
     Attributes:
         pairs: number of pairs of the dataset.
         verdicts: the verdict on the dataset as a whole, and then one for each pair.
-        no_rays: why no rays were cast, although the caller did not disable them; None where there is no such reason.
+        no_rays: why `verify` could not cast rays; None if it cast them, or the caller asked for none.
     """
 
     pairs: int

@@ -207,3 +207,9 @@ def test_configs_are_listed_and_printed_in_full(call, tmp_path):
     (tmp_path / "lab.yaml").write_text(call("configs", "kitti").stdout)
     assert load_config(tmp_path / "lab.yaml").digest() == load_config("kitti").digest()
     refused(call("configs", "kiti"), "did you mean kitti?")
+
+
+def test_verify_takes_a_number_of_pairs_or_all(program):
+    code, _, err = program("verify", "pairs", "--rays", 2, "--oracle")
+    assert code == 2
+    assert "--rays or --oracle" in err
