@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/gallery.md, and write for each of its sections the Markdown that shows them.
+"""Draw the pictures of the site's gallery, and write its page, gallery.md, beside them.
 
 Run it as ``python docs/make_gallery.py build/gallery``; `make docs` does.
 """
@@ -204,7 +204,7 @@ def caption(channel: Channel[np.generic]) -> str:
     return f"`{channel.name}`{output}: {channel.meaning.format(view='left', other='right')}"
 
 
-# Each section's name, which docs/gallery.md has in a mark, and what draws it and yields its Markdown.
+# What draws each section's pictures and yields their Markdown, by the section's name on the page.
 SECTIONS: dict[str, Callable[[Path], Iterator[str]]] = {
     "configs": draw_configs,
     "complex-models": partial(draw_models, kinds=COMPLEX_KINDS),
@@ -213,12 +213,46 @@ SECTIONS: dict[str, Callable[[Path], Iterator[str]]] = {
     "outputs": draw_outputs,
 }
 
+PAGE = """# Gallery
+
+## Configs
+
+A pair of each packaged config: left image and disparity, bright where near.
+
+{configs}
+
+## Models
+
+All built-in kinds, three variants each, shaded only here. `models.kinds` sets their weights, and `models.folders` adds
+yours ([keys](config.md#keys)).
+
+### Complex
+
+{complex-models}
+
+### Simple
+
+{simple-models}
+
+## Imperfections
+
+A detail of an image, without and with each key of [`imperfections`](rigs.md#imperfections).
+
+{imperfections}
+
+## Outputs
+
+The left view of a pair, and all that `--outputs` adds to it; [output](output.md) defines the files.
+
+{outputs}
+"""
+
 
 def main(folder: Path) -> None:
-    """Draw all sections."""
-    for name, draw in SECTIONS.items():
-        text = "\n".join(draw(folder))
-        (folder / f"{name}.md").write_text(f'<div class="pictures {name}" markdown>\n\n{text}\n</div>\n', "utf-8")
+    """Draw all sections, and write the page."""
+    drawn = {name: "\n".join(draw(folder)) for name, draw in SECTIONS.items()}
+    pictures = {name: f'<div class="pictures {name}" markdown>\n\n{text}\n</div>' for name, text in drawn.items()}
+    (folder / "gallery.md").write_text(PAGE.format(**pictures), "utf-8")
 
 
 if __name__ == "__main__":

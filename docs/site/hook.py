@@ -1,6 +1,5 @@
-"""What MkDocs gets beside mkdocs.yml: files from outside of docs/, the gallery's pictures, and a config's keys."""
+"""What MkDocs gets beside mkdocs.yml: files from outside of docs/, the gallery, and a config's keys."""
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -8,7 +7,6 @@ from typing import Any, get_args, get_origin
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files, InclusionLevel
-from mkdocs.structure.pages import Page
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -21,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add what pages link to outside of docs/, and the gallery's pictures."""
+    """Add what pages link to outside of docs/, and the gallery with its pictures."""
     for place, path in _files_beside_docs(config):
         # Links lead to pages of figures: the navigation need not have them.
         level = InclusionLevel.NOT_IN_NAV if place.startswith("benchmarks/") else InclusionLevel.INCLUDED
@@ -30,17 +28,16 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         _ = file.dest_uri, file.url
         file.src_uri = f"../{place}"
         files.append(file)
-    for path in sorted(_gallery(config).glob("*/*.jpg")):
+    gallery = _gallery(config)
+    files.append(File.generated(config, "gallery.md", abs_src_path=str(gallery / "gallery.md")))
+    for path in sorted(gallery.glob("*/*.jpg")):
         place = f"gallery/{path.parent.name}/{path.name}"
         files.append(File.generated(config, place, abs_src_path=str(path)))
     return files
 
 
-def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001 - MkDocs passes them by name
-    """Replace marks: by the sections that docs/make_gallery.py wrote, and by the keys of a config."""
-    if page.file.src_uri == "gallery.md":
-        folder = _gallery(config)
-        return re.sub(r"<!-- pictures: (.*) -->", lambda mark: (folder / f"{mark[1]}.md").read_text("utf-8"), markdown)
+def on_page_markdown(markdown: str, **_: object) -> str:
+    """Replace the mark of docs/config.md by the keys of a config."""
     return markdown.replace("<!-- keys -->", keys_tables())
 
 
@@ -93,6 +90,6 @@ def _files_beside_docs(config: MkDocsConfig) -> Iterator[tuple[str, Path]]:
 
 def _gallery(config: MkDocsConfig) -> Path:
     folder = ROOT / config.extra["gallery"]
-    if not folder.is_dir():
-        raise PluginError(f"the gallery's pictures are missing: python docs/make_gallery.py {folder}")
+    if not (folder / "gallery.md").is_file():
+        raise PluginError(f"the gallery is missing: python docs/make_gallery.py {folder}")
     return folder
