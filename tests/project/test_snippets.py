@@ -85,7 +85,7 @@ def scene(folder, path):
 
 
 PRESUMED = {
-    "report": lambda folder: (
+    "verify": lambda folder: (
         photographs(folder, "rooms"),
         scene(folder, "scenes/chair"),
         scene(folder, "scenes/table"),
