@@ -1,4 +1,4 @@
-"""Draw the pictures of README and docs/output.md: a pair and its disparity, and two frames and their flow.
+"""Draw the pictures of README and docs/rigs.md: a pair and its disparity, and two frames and their flow.
 
 Run it as ``python docs/make_picture.py docs/images``.
 """

@@ -1,4 +1,4 @@
-"""The program's own layouts; docs/output.md draws their trees and says what reads them.
+"""The program's own layouts; docs/output.md says what reads them.
 
 Names with 0 belong to the left view. Images, disparities and flow in another encoding than the default end in its name.
 """
