@@ -155,7 +155,7 @@ def test_the_documented_network_learns_by_the_documented_command(dataset, tmp_pa
     [written] = [block for block in blocks("training") if "def make(" in block.text]
     Path("my_network.py").write_text(written.text)
     [command] = [words for each in blocks("training") for words in each.commands if "my_network:make" in words]
-    given = [str(dataset) if word == "place.yaml" else word for word in command[2:]]
+    given = [str(dataset) if word == "lab.yaml" else word for word in command[2:]]
     output = checked(run(*given, *CROP, "--steps", 60, "--evaluate", dataset, "--out", "out"))
     before, after = (float(line.split()[-2]) for line in output.splitlines() if f"{dataset}: avgerr" in line)
     assert after < 0.8 * before

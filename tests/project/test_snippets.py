@@ -101,7 +101,7 @@ PRESUMED = {
         predictions(folder, "middlebury", (48, 64)),
         dataset(folder, "out/middlebury", name="middlebury"),
     ),
-    "loaders": lambda folder: dataset(folder, "out/rooms", 8, camera={"width_px": 400, "height_px": 200}),
+    "training": lambda folder: dataset(folder, "out/rooms", 8, camera={"width_px": 400, "height_px": 200}),
     "output": lambda folder: dataset(folder, "data/lab", 8, "webdataset", 1, name="lab"),
 }
 
