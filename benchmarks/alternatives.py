@@ -53,7 +53,8 @@ def measure(config: Config, seed: int, backend: Backend, pairs: int, rays: int, 
     bench = sample_scenes(config, seed, pairs)
     with bench.open_renderer(backend, outputs=("instances",), truth="both") as renderer:
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
-    truths, outlines = cast_truth(bench, frames, rays, np.random.default_rng(seed))
+    outlines = [_outlines(frame.view(eye).instances) for frame in frames for eye in EYES]
+    truths = cast_truth(bench, rays, np.random.default_rng(seed))
     with DisparityVariants(bench.models, backend) as variants:
         disparities = measure_variants(bench, variants, truths, repeats)
     return {
@@ -201,6 +202,17 @@ def _pixels(renderer: Renderer, scenes: Sequence[Scene]) -> NDArray[np.uint8]:
     """Draw scenes; return the pixels of all images, (N, 3)."""
     frames = [renderer.render(scene) for scene in scenes]
     return np.concatenate([as_rgb(frame.view(eye).image).reshape(-1, 3) for frame in frames for eye in EYES])
+
+
+def _outlines(instances: NDArray[np.uint16]) -> NDArray[np.bool_]:
+    """Return the (H, W) mask of pixels that touch another instance above, below or beside them."""
+    mask = np.zeros(instances.shape, bool)
+    beside, below = instances[:, 1:] != instances[:, :-1], instances[1:] != instances[:-1]
+    mask[:, 1:] |= beside
+    mask[:, :-1] |= beside
+    mask[1:] |= below
+    mask[:-1] |= below
+    return mask
 
 
 def _neighbours(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -19,17 +19,17 @@ def measure(
     """Compare ``pairs`` pairs with ``rays`` rays for each eye; the listener hears a message before each part.
 
     Returns:
-        A report in JSON's types: the keys of `scene_facts`, "machine", and "disparity", the error as of `error_stats`.
+        A report in JSON's types: the keys of `scene_facts`, "machine", and "disparity", the result of `error_stats`.
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
     listener.on_message(f"making {counted(pairs, 'scene')} of {config.name}")
     bench = sample_scenes(config, seed, pairs)
-    with bench.open_renderer(backend, outputs=("instances",), truth="both") as renderer:
+    with bench.open_renderer(backend, outputs=(), truth="both") as renderer:
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
     listener.on_message(f"casting {counted(rays, 'ray')} for each eye of each pair")
-    truths, _ = cast_truth(bench, frames, rays, np.random.default_rng(seed))
+    truths = cast_truth(bench, rays, np.random.default_rng(seed))
     rendered = [frames[part.scene].view(part.eye).disparity[part.row, part.column] for part in truths]
     error = error_stats(np.concatenate(rendered), np.concatenate([part.disparity_px for part in truths]))
     return {**scene_facts(bench, seed, truths), "machine": machine_facts() | driver, "disparity": error}
@@ -55,8 +55,8 @@ def table(report: Mapping[str, Any]) -> str:
     """Return a report as a sentence."""
     median, p999, worst = errors_text(report["disparity"])
     return (
-        f"Disparity against float64 rays, {report['pixels_compared']} pixels ({report['pixels_left_out']} more lie "
-        f"near an edge): median error {median} px, 99.9 % {p999} px, worst {worst} px."
+        f"Disparity against float64 rays, {report['pixels_compared']} pixels ({report['pixels_left_out']} lie "
+        f"within 1/16 px of another triangle): median error {median} px, 99.9 % {p999} px, worst {worst} px."
     )
 
 
