@@ -167,6 +167,3 @@ def clothes_rack(rng: np.random.Generator) -> Parts:
         hook, hanger = (lift(curve, "yz") @ turn.T + at for curve in (hook, hanger))
         yield wire(hook, 0.006, 6)
         yield from [rod(hanger[i], hanger[(i + 1) % 3], 0.006, sides=6) for i in range(3)]
-
-
-KINDS = (table, chair, bookcase, shelf, lamp, picture_frame, lattice_panel, clothes_rack)

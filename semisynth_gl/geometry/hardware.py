@@ -181,6 +181,3 @@ def hook_rail(rng: np.random.Generator) -> Parts:
         tip = [(-1.1 * long, -drop), (-1.7 * long, -1.1 * drop), (-2.1 * long, -0.5 * drop)]
         curve = smooth([(0, 0), (-long, -0.02), *tip], 6)
         yield wire(lift(curve, "yz") + (x, 0, 0), 0.014)
-
-
-KINDS = (gear, torus_knot, spring, chain, spoked_wheel, umbrella, bolt, fan, cable, flat_coil, grating, hook_rail)

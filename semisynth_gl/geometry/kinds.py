@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from inspect import isfunction
+from types import ModuleType
 from typing import Final
 
 import numpy as np
@@ -18,14 +20,20 @@ def _build(kind: Callable[[np.random.Generator], Parts], rng: np.random.Generato
     return normalised(merged(kind.__name__, kind(rng)))
 
 
-SIMPLE_KINDS: Final[dict[str, Builder]] = {kind.__name__: partial(_build, kind) for kind in solids.KINDS}
+def _builders(*modules: ModuleType) -> dict[str, Builder]:
+    """Return the builders of modules: each public function that a module defines builds the kind of its name."""
+    return {
+        name: partial(_build, function)
+        for module in modules
+        for name, function in vars(module).items()
+        if isfunction(function) and function.__module__ == module.__name__ and not name.startswith("_")
+    }
+
+
+SIMPLE_KINDS: Final = _builders(solids)
 """Builders of simple models, the solids of a geometry book, by kind."""
 
-_COMPLEX = (furniture, vessels, structures, plants, hardware, soft, outdoors)
-
-COMPLEX_KINDS: Final[dict[str, Builder]] = {
-    kind.__name__: partial(_build, kind) for module in _COMPLEX for kind in module.KINDS
-}
+COMPLEX_KINDS: Final = _builders(furniture, vessels, structures, plants, hardware, soft, outdoors)
 """Builders of complex models, by kind: everyday things with holes, thin parts and overlaps, where networks fail."""
 
 

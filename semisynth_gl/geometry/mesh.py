@@ -14,6 +14,7 @@ from semisynth_gl.inputs.errors import InputError
 _FARTHEST = 1 << 14
 
 Floats = NDArray[np.float64]
+Numbers = NDArray[np.number]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,9 +81,11 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
     Raises:
         InputError: where shapes, indices or values are wrong.
     """
-    mesh = make_part(name, positions, uv, triangles)
-    for what, values, least in (("positions", positions, 0.0), ("uv", uv, 1.0)):
-        points = np.asarray(values, np.float64)
+    given = [
+        to_array(f"mesh {name}: {what}", each, np.float64) for what, each in (("positions", positions), ("uv", uv))
+    ]
+    mesh = make_part(name, *given, to_array(f"mesh {name}: triangles", triangles, np.uint32))
+    for what, points, least in zip(("positions", "uv"), given, (0.0, 1.0), strict=True):
         low, high = points.min(axis=0), points.max(axis=0)
         reach = max(float(lengths(high - low)) / 2, least)
         if max(-low.min(), high.max()) > _FARTHEST * reach > 0:
@@ -93,17 +96,11 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
     return mesh
 
 
-def make_part(name: str, positions: object, uv: object, triangles: object) -> Mesh:
-    """Build a part of a model, as `make_mesh` does; it may lie far from the model's origin."""
-    index = np.ascontiguousarray(to_array(f"mesh {name}: triangles", triangles, np.uint32))
-    vertices, coordinates = _to_float32(f"mesh {name}: positions", positions), _to_float32(f"mesh {name}: uv", uv)
-    return Mesh(name, vertices, coordinates, index)
-
-
-def _to_float32(what: str, values: object) -> NDArray[np.float32]:
-    points = to_array(what, values, np.float64)
-    check_magnitudes(what, points)  # before they are rounded
-    return points.astype(np.float32, order="C")
+def make_part(name: str, positions: Numbers, uv: Numbers, triangles: Numbers) -> Mesh:
+    """Build a part of a model from arrays of any dtype, as `make_mesh` does; it may lie far from the model's origin."""
+    with np.errstate(over="ignore"):  # the mesh refuses infinite numbers
+        vertices, coordinates = (each.astype(np.float32, order="C") for each in (positions, uv))
+    return Mesh(name, vertices, coordinates, triangles.astype(np.uint32, order="C"))
 
 
 def mesh_grid(rows: int, columns: int) -> tuple[Floats, Floats, NDArray[np.int64]]:

@@ -9,7 +9,7 @@ import json
 import logging
 import warnings
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from trimesh.exchange import load as trimesh_load
 from trimesh.resolvers import FilePathResolver
 
 from semisynth_gl.geometry.mesh import Floats, Mesh
-from semisynth_gl.geometry.model_units import BrokenModelError, Surface, join_surfaces
+from semisynth_gl.geometry.model_units import Surface, join_surfaces
 from semisynth_gl.inputs.errors import InputError, Skipped, cut, described
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, files_below
 
@@ -33,8 +33,9 @@ MAX_TRIANGLES, MAX_VERTICES = 2_000_000, 20_000_000
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 # trimesh knows the formats of the first group, some of them with a package that may not be installed.
-_FORMATS = frozenset({*trimesh_load.mesh_loaders, *trimesh.available_formats(), "zip"})
-_NOT_READ = frozenset({"fbx", "usd", "usda", "usdc", "usdz", "blend", "3ds", "max"})
+_FORMATS = (*trimesh_load.mesh_loaders, *trimesh.available_formats(), "zip")
+_NOT_READ = ("fbx", "usd", "usda", "usdc", "usdz", "blend", "3ds", "max")
+_ENDINGS = tuple(f".{suffix}" for suffix in (*_FORMATS, *_NOT_READ))
 
 
 def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
@@ -47,14 +48,19 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     Returns the models, named by their paths relative to the folder, and the unusable files, each with a reason. Raises
     InputError where a folder does not exist, or no file has a usable model.
     """
-    meshes: list[Mesh] = []
-    skipped: list[Skipped] = []
-    for path, name in _files(folders):
-        try:
-            with np.errstate(all="ignore"):
-                meshes.append(join_surfaces(name, read_surfaces(path)))
-        except BrokenModelError as error:
-            skipped.append(Skipped(path, str(error)))
+    meshes, skipped = list[Mesh](), list[Skipped]()
+    for folder in folders:
+        if not folder.is_dir():
+            found = "is a file" if folder.exists() else "does not exist"
+            raise InputError(f"models: expected a folder, but {folder} {found}")
+        for path in sorted(files_below(folder)):
+            if not path.name.lower().endswith(_ENDINGS):
+                continue
+            try:
+                with np.errstate(all="ignore"):
+                    meshes.append(join_surfaces(path.relative_to(folder).as_posix(), read_surfaces(path)))
+            except InputError as error:
+                skipped.append(Skipped(path, error.text))
     if not meshes:
         where = ", ".join(str(folder) for folder in folders)
         reasons = "".join(f"\n  {broken}" for broken in skipped)
@@ -62,36 +68,24 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     return meshes, skipped
 
 
-def _files(folders: Sequence[Path]) -> Iterator[tuple[Path, str]]:
-    """Yield the models in folders, each with its name."""
-    endings = tuple(f".{suffix}" for suffix in _FORMATS | _NOT_READ)
-    for folder in folders:
-        if not folder.is_dir():
-            found = "is a file" if folder.exists() else "does not exist"
-            raise InputError(f"models: expected a folder, but {folder} {found}")
-        for path in sorted(files_below(folder)):
-            if path.name.lower().endswith(endings):
-                yield path, path.relative_to(folder).as_posix()
-
-
 def read_surfaces(path: Path) -> list[Surface]:
     """Read the parts of a model's file that have triangles, once for each node that places them, in the scene's frame.
 
-    Raises BrokenModelError where the file cannot be read, refers to a file elsewhere, exceeds a limit, or has vertices
-    that are not finite or triangles whose indices are out of range.
+    Raises InputError where the file cannot be read, refers to a file elsewhere, exceeds a limit, or has vertices that
+    are not finite or triangles whose indices are out of range; its text is a clause about the file.
     """
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in trimesh.available_formats():
-        raise BrokenModelError(f"is not of a kind that trimesh reads here ({path.suffix}): save it as .glb")
+        raise InputError(f"is not of a kind that trimesh reads here ({path.suffix}): save it as .glb")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return _surfaces(_scene(path, suffix))
-    except BrokenModelError:
+    except InputError:
         raise
     except Exception as error:  # a reader may throw anything at a hostile file
         clause = cut(" ".join(described(error).split()), 120)
-        raise BrokenModelError(f"cannot be read ({clause})") from error
+        raise InputError(f"cannot be read ({clause})") from error
 
 
 def _scene(path: Path, suffix: str) -> trimesh.Scene:
@@ -119,7 +113,7 @@ def _read(path: Path, most: int) -> bytes:
         content = file.read(most + 1)
     _require_at_most(most, f"bytes in {path.name}", len(content))
     if content.startswith(LFS_POINTER):
-        raise BrokenModelError(f"{IS_LFS_POINTER} ({path.name})")
+        raise InputError(f"{IS_LFS_POINTER} ({path.name})")
     return content
 
 
@@ -131,7 +125,7 @@ def _check_gltf(gltf: bytes) -> None:
     document = json.loads(text)
     not_read = {"EXT_meshopt_compression"} | ({"KHR_draco_mesh_compression"} if find_spec("DracoPy") is None else set())
     for name in not_read.intersection(document.get("extensionsRequired", [])):
-        raise BrokenModelError(f"is compressed with {name}: save it without compression")
+        raise InputError(f"is compressed with {name}: save it without compression")
     # Counted before trimesh allocates them: an accessor may have more elements than the file has bytes, and trimesh
     # copies vertices that primitives share.
     counts = [accessor["count"] for accessor in document.get("accessors", [])]
@@ -157,10 +151,10 @@ def _surface(part: trimesh.Trimesh, scene_from_part: Floats) -> Surface:
     local = np.asarray(part.vertices, np.float64)
     triangles = np.asarray(part.faces, np.int64)
     if triangles.min() < 0 or triangles.max() >= len(local):
-        raise BrokenModelError(f"has a triangle index out of range, there are {len(local)} vertices")
+        raise InputError(f"has a triangle index out of range, there are {len(local)} vertices")
     positions = local @ scene_from_part[:3, :3].T + scene_from_part[:3, 3]
     if bad := int((~np.isfinite(positions)).any(axis=1).sum()):
-        raise BrokenModelError(f"has {bad} vertices that are not finite")
+        raise InputError(f"has {bad} vertices that are not finite")
     if np.linalg.det(scene_from_part[:3, :3]) < 0:  # reversed, so that the outside of a mirrored part stays outside
         triangles = triangles[:, ::-1]
     upwards = getattr(part.visual, "uv", None)  # in all formats, as trimesh returns it
@@ -172,7 +166,7 @@ def _surface(part: trimesh.Trimesh, scene_from_part: Floats) -> Surface:
 def _require_at_most(limit: int, what: str, count: int) -> None:
     if count > limit:
         how = "decimate the model, for example in MeshLab or Blender"
-        raise BrokenModelError(f"has {count:,} {what}, the limit is {limit:,}: {how}")
+        raise InputError(f"has {count:,} {what}, the limit is {limit:,}: {how}")
 
 
 class _Folder(FilePathResolver):
@@ -186,7 +180,7 @@ class _Folder(FilePathResolver):
     def get(self, name: str) -> bytes:
         path = (self._folder / name).resolve()
         if not path.is_relative_to(self._folder) or not path.is_file():
-            raise BrokenModelError(f"refers to {cut(name)!r}, expected a file in the model's folder or below it")
+            raise InputError(f"refers to {cut(name)!r}, expected a file in the model's folder or below it")
         content = _read(path, self._left)
         self._left -= len(content)
         return content

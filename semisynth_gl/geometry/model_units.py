@@ -17,10 +17,6 @@ PULL_LIMIT = 16
 """A triangle's UV is unusable where it stretches the texture this many times as much as the median of its part."""
 
 
-class BrokenModelError(Exception):
-    """A model is unusable; the message is a clause about the file, such as ``"has no triangles"``."""
-
-
 Surface = tuple[Floats, NDArray[np.int64], Floats | None]
 """Positions, (V, 3); triangles, (T, 3); and UV, (V, 2) with v downwards, or None where there is no UV map."""
 
@@ -44,21 +40,21 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
     points = to_array(f"model {name}: positions", positions, np.float64)
     unmapped = np.zeros((len(points) if points.ndim else 0, 2))
     coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
-    checked = make_part(name, points, unmapped if coordinates is None else coordinates, triangles)
-    try:
-        with np.errstate(all="ignore"):
-            return join_surfaces(name, [(points, checked.triangles.astype(np.int64), coordinates)])
-    except BrokenModelError as error:
-        raise InputError(f"model {name}: {error}") from None
+    index = to_array(f"model {name}: triangles", triangles, np.uint32)
+    make_part(name, points, unmapped if coordinates is None else coordinates, index)  # checks shapes and values
+    with np.errstate(all="ignore"):
+        return join_surfaces(name, [(points, index.astype(np.int64), coordinates)])
 
 
 def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
     """Join surfaces to one model, see `make_model`.
 
-    Raises BrokenModelError where there are no triangles, the model has no extent, or no triangle has an area.
+    Raises InputError where there are no triangles, the model has no extent, or no triangle has an area; its text is a
+    clause about the file.
     """
+    argument = f"model {name}"
     if not parts:
-        raise BrokenModelError("has no triangles")
+        raise InputError("has no triangles", argument=argument)
     parts = [_without_loose_vertices(*part) for part in parts]
     # In float64, before anything is rounded: a model may stand far from its origin, or be of any size.
     vertices = np.concatenate([positions for positions, _, _ in parts])
@@ -66,13 +62,13 @@ def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
     centre = low / 2 + high / 2
     extent = float(np.abs(high / 2 - low / 2).max())
     if not extent > 0 or extent < 1e-9 * float(np.abs(centre).max()):
-        raise BrokenModelError("has no extent")
+        raise InputError("has no extent", argument=argument)
     try:
         unwrapped = [_unwrapped(name, (positions - centre) / extent, faces, uv) for positions, faces, uv in parts]
         # Normalised twice, since triangles without area may have widened the bounding box.
         return normalised(without_degenerate(normalised(merged(name, list(chain(*unwrapped))))))
     except InputError as error:
-        raise BrokenModelError("has no triangle with an area") from error
+        raise InputError("has no triangle with an area", argument=argument) from error
 
 
 def _without_loose_vertices(positions: Floats, triangles: NDArray[np.int64], uv: Floats | None) -> Surface:

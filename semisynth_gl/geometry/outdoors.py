@@ -176,6 +176,3 @@ def bin(rng: np.random.Generator) -> Parts:  # noqa: A001 - the kind's name is t
     handle = np.array([wide / 2, deep / 2 + 0.06, high - 0.12])
     yield from [rod((x * 0.7 * handle[0], 0.45 * deep, handle[2]), handle * (x * 0.7, 1, 1), 0.016) for x in (-1, 1)]
     yield rod(handle * (-1, 1, 1), handle, 0.022)
-
-
-KINDS = (car, house, road_sign, street_lamp, bench, bicycle, bin)

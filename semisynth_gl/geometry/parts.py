@@ -6,7 +6,7 @@ import numpy as np
 import pyrr
 from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Floats, Mesh, cross, least_axis, make_part, unit
+from semisynth_gl.geometry.mesh import Floats, Mesh, cross, least_axis, lengths, make_part, unit
 from semisynth_gl.geometry.surfaces import lathe, sweep
 
 
@@ -68,6 +68,22 @@ def rounded(corners: ArrayLike, radius: float, steps: int) -> Floats:
         angle = np.linspace(0, turn, steps + 1)[:, None]
         points.append(start + radius * (np.sin(angle) * arriving + (1 - np.cos(angle)) * inward))
     return np.concatenate([*points, given[-1:]])
+
+
+def hollow(outside: Floats, wall: float) -> Floats:
+    """Return a vessel's profile, (Q, 2), from the middle of the foot over the lip to the middle of the inner floor.
+
+    ``outside``, (P, 2), is radius and height from the foot's rim up to the lip. It must rise, and have no sharp steps,
+    which would fold over when the profile is offset inwards by ``wall``, the thickness.
+    """
+    along = np.gradient(outside, axis=0)
+    along /= lengths(along)[:, None]
+    inside = outside + wall * np.stack([-along[:, 1], along[:, 0]], axis=1)
+    floor = outside[0, 1] + wall
+    edge = np.interp(floor, inside[:, 1], inside[:, 0])  # where the inner wall meets the floor
+    inside = inside[inside[:, 1] > floor + 0.1 * wall][::-1]
+    lip = np.array([(outside[-1] + inside[0]) / 2 + (0, wall / 3)])
+    return np.concatenate([[[0, outside[0, 1]]], outside, lip, inside, [[edge, floor], [0, floor]]])
 
 
 def rod(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | None = None, sides: int = 8) -> Mesh:

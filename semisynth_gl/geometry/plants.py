@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from semisynth_gl.geometry.mesh import Floats, Mesh, Parts, cross, merged, unit
-from semisynth_gl.geometry.parts import arc, ball, circle, onto, placed, rod, smooth, turned, wire
+from semisynth_gl.geometry.parts import arc, ball, circle, hollow, onto, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.surfaces import grid_surface, lathe, sweep
-from semisynth_gl.geometry.vessels import hollow
 
 GOLDEN_TURN_RAD = np.pi * (3 - np.sqrt(5))
 """Angle between successive leaves around the stem of many plants, rad."""
@@ -125,6 +124,3 @@ def flower(rng: np.random.Generator) -> Parts:
             place = (0.3 * side * head * (1, 1, 0)) + (0, 0, side * tall)
             yield placed(_leaf(0.3, 0.09, 1), place, rotation=_facing(azimuth + 9 * side, 0.5))
     yield rod((0, 0, -0.02), (0, 0, 0.03), 0.06, sides=16)
-
-
-KINDS = (potted_plant, tree, cactus, grass, flower)

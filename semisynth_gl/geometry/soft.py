@@ -123,6 +123,3 @@ def _cut(field: Field, points: Floats, reach: Floats, cells: int) -> Mesh:
     low, high = (points - reach[:, None]).min(axis=0), (points + reach[:, None]).max(axis=0)
     margin = 2 * (high - low).max() / cells
     return surface_of(field, low - margin, high + margin, cells)
-
-
-KINDS = (blob, figure, animal, cushion, curtain, cloth)

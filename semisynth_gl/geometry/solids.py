@@ -64,6 +64,3 @@ def prism(rng: np.random.Generator) -> Parts:
     """A prism over a polygon of three to eight sides, regular or drawn out."""
     outline = circle(1, int(rng.integers(3, 9)), rng.uniform(0, 2 * np.pi)) * (1, rng.uniform(0.6, 1))
     yield extruded(outline, rng.uniform(0.5, 3))
-
-
-KINDS = (cube, cuboid, sphere, cone, cylinder, capsule, torus, pyramid, prism)

@@ -147,6 +147,3 @@ def rod_bundle(rng: np.random.Generator) -> Parts:
     tube = arc(0.03, 0, 2 * np.pi, 11)[:-1]
     heights = (0.0,) if rng.random() < 0.5 else (-0.2, 0.2)
     yield from [lathe(tube + (ring + 0.05, z), 36, closed=True) for z in heights]
-
-
-KINDS = (stairs, spiral_stairs, ladder, fence, pipe_run, scaffold, truss_bridge, rod_bundle)

@@ -2,25 +2,9 @@
 
 import numpy as np
 
-from semisynth_gl.geometry.mesh import Floats, Parts, lengths
-from semisynth_gl.geometry.parts import arc, around, lift, placed, rod, smooth, turned, wire
+from semisynth_gl.geometry.mesh import Parts
+from semisynth_gl.geometry.parts import arc, around, hollow, lift, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.surfaces import lathe
-
-
-def hollow(outside: Floats, wall: float) -> Floats:
-    """Return a vessel's profile, (Q, 2), from the middle of the foot over the lip to the middle of the inner floor.
-
-    ``outside``, (P, 2), is radius and height from the foot's rim up to the lip. It must rise, and have no sharp steps,
-    which would fold over when the profile is offset inwards by ``wall``, the thickness.
-    """
-    along = np.gradient(outside, axis=0)
-    along /= lengths(along)[:, None]
-    inside = outside + wall * np.stack([-along[:, 1], along[:, 0]], axis=1)
-    floor = outside[0, 1] + wall
-    edge = np.interp(floor, inside[:, 1], inside[:, 0])  # where the inner wall meets the floor
-    inside = inside[inside[:, 1] > floor + 0.1 * wall][::-1]
-    lip = np.array([(outside[-1] + inside[0]) / 2 + (0, wall / 3)])
-    return np.concatenate([[[0, outside[0, 1]]], outside, lip, inside, [[edge, floor], [0, floor]]])
 
 
 def bottle(rng: np.random.Generator) -> Parts:
@@ -128,6 +112,3 @@ def cage(rng: np.random.Generator) -> Parts:
     yield wire(ring + (0, 0, height + dome + 0.1), 0.012, 8, closed=True)
     perch = rng.uniform(0.25, 0.6) * height
     yield rod((-radius, 0, perch), (radius, 0, perch), 0.018)
-
-
-KINDS = (bottle, vase, mug, goblet, bowl_stack, jug, basket, cage)

@@ -55,7 +55,7 @@ def all_kinds(request):
     """
     are_later, seed = request.param
     rng = np.random.default_rng(seed)
-    later = {kind.__name__ for kind in (*soft.KINDS, *outdoors.KINDS)}
+    later = {kind for kind in COMPLEX_KINDS if hasattr(soft, kind) or hasattr(outdoors, kind)}
     return [marked_solid(build(rng)) for name, build in KINDS.items() if (name in later) == are_later], rng
 
 
