@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import Distribution, entry_points
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Any, Literal, cast
 
-from pydantic import Field
 from typing_extensions import TypedDict  # pydantic takes that of typing only from Python 3.12 on
 
 from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
@@ -37,15 +36,12 @@ BUILT_IN: Mapping[Group, tuple[str, ...]] = {
 }
 """The names of the program's own, which no plug-in may have."""
 
-# Messages put it into a command.
-_Text = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+!-]*$", max_length=100)]
-
 
 class Package(TypedDict):
     """Name and version of a plug-in's package."""
 
-    package: _Text
-    version: _Text
+    package: str
+    version: str
 
 
 Records = Mapping[str, Mapping[str, Package]]
@@ -115,13 +111,13 @@ def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, Pac
 def require_plugins(where: object, group: Group, records: Mapping[str, Package]) -> None:
     """Check that the plug-ins of a dataset's records, of one group, are installed in the recorded versions.
 
-    Raises InputError, which begins with ``where`` and tells the command that installs the package, where one is not.
+    Raises InputError, which begins with ``where`` and names the package, where one is not.
     """
     for name, record in records.items():
         plugin = installed_plugins()[group].get(name)
         if plugin is None or plugin.record != record:
-            package, version = record["package"], record["version"]
+            package = f"{record['package']}=={record['version']}"
             raise InputError(
-                f"{where}: {NOUNS[group]} {name!r} comes from the plug-in package {package} {version}, which is not "
-                f"installed: pip install {package}=={version}"
+                f"{where}: {NOUNS[group]} {shown(name)} comes from the plug-in package {shown(package)}, which is not "
+                "installed"
             )

@@ -19,7 +19,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.load import parse_values
 from semisynth_gl.config.scene_sections import BackgroundSection, TexturesSection
 from semisynth_gl.frame.camera import Eye
-from semisynth_gl.frame.raw_camera import RawCamera, vector_of
+from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.scene.rig import BEYOND_NEAR
 from semisynth_gl.textures.image_files import printable
@@ -133,11 +133,13 @@ def describe(
 
 
 def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to load
+
     eyes: dict[str, Any] = {
         eye: {
             **{key: getattr(raw, key) for key in ("fx_px", "fy_px", "cx_px", "cy_px")},
             "distortion": list(raw.distortion),
-            "rotation_deg": [math.degrees(each) for each in vector_of(raw.rotation)],
+            "rotation_deg": Rotation.from_matrix(raw.rotation).as_rotvec(degrees=True).tolist(),
         }
         for eye, raw in lenses.items()
     }

@@ -95,7 +95,7 @@ def _stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> tu
     cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
     turn, shift_m = pose[:3, :3].copy(), pose[:3, 3:].copy()  # OpenCV wants arrays in one piece
     right_m, down_m, _ = (-turn.T @ shift_m).ravel().tolist()
-    if abs(right_m) <= abs(down_m):
+    if abs(right_m) <= max(abs(down_m), 1e-9):  # equal positions differ by rounding
         raise InputError(
             f"expected cameras apart and side by side, but the right one is {right_m:.6g} m to the right of the left "
             f"one and {down_m:.6g} m below it: turn images of a vertical rig by a quarter, and calibrate these"

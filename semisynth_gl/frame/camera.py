@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.arguments import LEAST, MOST, MOST_PX, OR_0, CheckedFields, to_real, to_whole
+from semisynth_gl.inputs.arguments import LEAST, MOST, MOST_PX, CheckedFields, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -94,7 +94,7 @@ class StereoCamera(CheckedFields):
         width_px: image width.
         height_px: image height.
         focal_px: focal length in x; 1e-9 to 1e6.
-        baseline_m: distance between the two centres; 0, or 1e-9 to 1e9.
+        baseline_m: distance between the two centres; 0 to 1e9.
         cx_left_px: x of the left principal point; the image centre is (width - 1) / 2. Principal points lie within 1e6
             px of pixel 0.
         cx_right_px: x of the right principal point.
@@ -109,7 +109,7 @@ class StereoCamera(CheckedFields):
     width_px: Annotated[int, 1, _MOST_SIDE_PX]
     height_px: Annotated[int, 1, _MOST_SIDE_PX]
     focal_px: Annotated[float, LEAST, MOST_PX]
-    baseline_m: Annotated[float, LEAST, MOST, OR_0]
+    baseline_m: Annotated[float, 0, MOST]
     cx_left_px: Annotated[float, -MOST_PX, MOST_PX]
     cx_right_px: Annotated[float, -MOST_PX, MOST_PX]
     cy_px: Annotated[float, -MOST_PX, MOST_PX]

@@ -181,16 +181,6 @@ def rotation_of(vector_rad: tuple[float, float, float]) -> tuple[tuple[float, ..
     return tuple(tuple(row) for row in rotation.tolist())
 
 
-def vector_of(rotation: tuple[tuple[float, ...], ...]) -> tuple[float, float, float]:
-    """Return the rotation vector, radians, of a rotation by less than half a turn; the inverse of `rotation_of`."""
-    rows = np.array(rotation)
-    axis = np.array([rows[2, 1] - rows[1, 2], rows[0, 2] - rows[2, 0], rows[1, 0] - rows[0, 1]]) / 2
-    sine = float(np.linalg.norm(axis))
-    angle = float(np.arctan2(sine, (np.trace(rows) - 1) / 2))
-    x, y, z = (axis * (angle / sine if sine > _NEAREST else 1.0)).tolist()
-    return x, y, z
-
-
 def pinhole_of(camera: StereoCamera, eye: Eye) -> Floats:
     """Return the camera matrix of one eye of a rectified pair, (3, 3) float64."""
     cx, cy, fx, fy = camera.lens_px(eye)

@@ -20,9 +20,6 @@ Drawing multiplies up to four lengths, focal lengths and inverses of them in flo
 MOST_PX = 1e6
 """Largest magnitude of an image coordinate and of a focal length, px: float32 has steps of 1/16 px there."""
 
-OR_0 = "or 0"
-"""After the limits of a field's number: 0 is allowed, too."""
-
 Interval = tuple[float, float]
 
 OTHER_UNITS = "float32 does not hold what is worked out of it: choose other units"
@@ -52,16 +49,16 @@ def to_whole(name: str, value: object, least: int | None = None, most: int | Non
     return number
 
 
-def to_real(name: str, value: object, least: float = -inf, most: float = inf, *, or_0: bool = False) -> float:
-    """Convert a finite real number from ``least`` to ``most``, or 0 with ``or_0``, of any type, to Python's.
+def to_real(name: str, value: object, least: float = -inf, most: float = inf) -> float:
+    """Convert a finite real number from ``least`` to ``most``, of any type, to Python's.
 
     A NumPy float32 would lower the precision of everything that is computed with it.
     """
     if not isinstance(value, Real) or isinstance(value, bool) or not isfinite(value):
         raise _unfit(name, "a finite number", value)
     number = value if isinstance(value, int) else float(value)
-    if not (least <= number <= most or (or_0 and number == 0)):
-        raise _unfit(name, f"{'0 or ' * or_0}from {least:g} to {most:g}", number)
+    if not least <= number <= most:
+        raise _unfit(name, f"from {least:g} to {most:g}", number)
     return number
 
 
@@ -69,7 +66,7 @@ class CheckedFields:
     """Base of frozen dataclasses whose numbers are converted, and checked by their types.
 
     ``Annotated[int, 0]`` is a whole number of 0 or more, ``Annotated[float, 0, 1]`` a real number from 0 to 1, and
-    ``Annotated[Interval, 0, 1]`` two of these in rising order. `OR_0` after the limits also allows 0.
+    ``Annotated[Interval, 0, 1]`` two of these in rising order.
     """
 
     __slots__ = ()
@@ -79,18 +76,13 @@ class CheckedFields:
             if get_origin(hint) is not Annotated:
                 continue
             kind, limits, value = hint.__origin__, hint.__metadata__, getattr(self, name)
-            or_0 = OR_0 in limits
-            if kind is int:
-                value = to_whole(name, value, *limits)
-            elif kind is float:
-                value = to_real(name, value, *limits[:2], or_0=or_0)
-            elif not isinstance(value, (tuple, list)) or len(value) != 2:
-                raise InputError(f"expected (low, high), got {shown(value)}", argument=name)
+            if kind is int or kind is float:
+                value = to_whole(name, value, *limits) if kind is int else to_real(name, value, *limits)
             else:
-                low, high = (to_real(name, end, *limits[:2], or_0=or_0) for end in value)
-                if low > high:
+                ends = [to_real(name, end, *limits) for end in value] if isinstance(value, tuple | list) else []
+                if len(ends) != 2 or ends[0] > ends[1]:
                     raise InputError(f"expected (low, high) in rising order, got {shown(value)}", argument=name)
-                value = low, high
+                value = tuple(ends)
             object.__setattr__(self, name, value)
 
 

@@ -6,8 +6,6 @@ from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 
-from semisynth_gl.inputs.errors import InputError
-
 Files = str | PathLike[str] | Sequence[str | PathLike[str]]
 """A file, folder or glob, or several of them."""
 
@@ -19,11 +17,8 @@ IS_LFS_POINTER = "is a Git LFS pointer in place of the file, which `git lfs pull
 
 
 def expanded(path: str | Path) -> Path:
-    """Return a path with the home folder in place of ``~``; raises InputError for the home of nobody."""
-    try:
-        return Path(path).expanduser()
-    except RuntimeError:
-        raise InputError(f"{path}: there is no such user; write ./{path} for a file of that name") from None
+    """Return a path with the home folder in place of ``~``; the ``~name`` of no user stays."""
+    return Path(os.path.expanduser(path))  # noqa: PTH111 - pathlib raises where there is no such user
 
 
 def read_file(path: Path, most_bytes: int | None = None) -> bytes:

@@ -48,7 +48,7 @@ class Projector:
             raise InputError(f"projector_from_camera must be rigid, (4, 4), got {pose.tolist()}", argument="projector")
         check_magnitudes("projector: projector_from_camera", pose)
         for name in ("focal_px", "power", "ambient"):
-            value = to_real(f"projector: {name}", getattr(self, name), LEAST, MOST, or_0=name != "focal_px")
+            value = to_real(f"projector: {name}", getattr(self, name), LEAST if name == "focal_px" else 0, MOST)
             object.__setattr__(self, name, value)
 
     def record(self) -> dict[str, object]:

@@ -164,7 +164,7 @@ def test_grey_images_have_brightness_and_contrast():
     ("values", "message"),
     [
         ({"scale": (1.2, 0.9)}, r"scale: expected \(low, high\) in rising order"),
-        ({"scale": 1.2}, r"scale: expected \(low, high\), got 1.2"),
+        ({"scale": 1.2}, r"scale: expected \(low, high\) in rising order, got 1.2"),
         ({"scale": (0, 1)}, "scale: must be from 0.1 to 10, got 0"),
         ({"noise": (0, float("nan"))}, "noise: must be a finite number"),
         ({"mirrored": 1.5}, "mirrored: must be from 0 to 1, got 1.5"),

@@ -36,7 +36,6 @@ from shared_material import SHARED, needs_shared
 from semisynth_gl.calibration.rig_files import read_rig
 from semisynth_gl.calibration.sizes import Size, upright
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.raw_camera import vector_of
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
@@ -190,9 +189,13 @@ def with_poses(turned):
     }
 
 
+def vector_of(turn):
+    return cv2.Rodrigues(turn)[0].ravel().tolist()
+
+
 def mrcal(k, d, turn, shift, pose="extrinsics"):
     values = {"lensmodel": "LENSMODEL_OPENCV5", "intrinsics": [*vector(k), *d.tolist()], "imagersize": [*SIZE]}
-    return "# a model\n" + repr(values | {pose: [*vector_of(turn.tolist()), *map(float, shift)], "blob": b"{[#"})
+    return "# a model\n" + repr(values | {pose: [*vector_of(turn), *map(float, shift)], "blob": b"{[#"})
 
 
 def kalibr(lens="radtan", coefficients=FOUR, *, imu="", chain=POSE):
@@ -233,7 +236,7 @@ def euroc(k, d, body):
 
 
 def quaternion(turn):
-    axis = np.array(vector_of(turn.tolist()))
+    axis = np.array(vector_of(turn))
     angle = np.linalg.norm(axis)
     return [*(axis / angle * np.sin(angle / 2)), np.cos(angle / 2)]
 
@@ -303,14 +306,14 @@ WITH_FIVE = {
         {"name": "b", "K": K2, "dist": D2, "R": R, "t": T, "imageSize": SIZE}]},
     "single numbers and a rotation vector": {
         "intrinsics": {"left": scalars(K1, D1), "right": scalars(K2, D2)}, "image_shape": [SIZE[1], SIZE[0], 3],
-        "extrinsics": {"rotation": vector_of(R.tolist()), "translation": T}},
+        "extrinsics": {"rotation": vector_of(R), "translation": T}},
     "matlab": {
         **{f"CameraParameters{n}": {
             "IntrinsicMatrix": k.T, "RadialDistortion": [d[0], d[1], d[4]], "TangentialDistortion": d[2:4]}
            for n, k, d in ((1, K1, D1), (2, K2, D2))},
         "ImageSize": [*SIZE], "RotationOfCamera2": R.T, "TranslationOfCamera2": T * 1000},
     "bouguet": eyes(lambda eye, k, d: {f"fc_{eye}": [k[0, 0], k[1, 1]], f"cc_{eye}": k[:2, 2], f"kc_{eye}": d})
-                | {"om": vector_of(R.tolist()), "T": T * 1000, "imsize": SIZE},
+                | {"om": vector_of(R), "T": T * 1000, "imsize": SIZE},
     "a vector beside the matrix": APART | {"om": [0.3, 0.2, 0.1], "R_stereo": R, "T": T},
     "a quaternion, w first": APART | {"q": np.roll(quaternion(R), 1), "T": T},
     "poses beside R and T": with_poses(lambda body: body @ body) | {"R": R, "T": T},
@@ -411,7 +414,7 @@ def test_eyes_and_arrays_are_told_by_any_of_their_names(tmp_path_factory, labels
         matrices, vectors = {names["K"]: k, names["D"]: d}, {"intrinsics": vector(k), names["D"]: d}
         for name, value in {"matrices": matrices, "vectors": vectors, "numbers": scalars(k, d)}[form].items():
             add(label, name, value)
-    turns = {"om": vector_of(R.tolist()), "q": quaternion(R)}
+    turns = {"om": vector_of(R), "q": quaternion(R)}
     for key, value in (("R", turns.get(names["R"], R)), ("T", T)):
         add(labels[1] * beside_the_right, names[key], value)
     rig[names["size"]] = SIZE[::-1] if "shape" in names["size"] else SIZE
@@ -529,7 +532,7 @@ def realsense():
 
 
 def zed():
-    modes, (x, y, z) = {"HD": 1.0, "VGA": 0.525}, vector_of(R.tolist())
+    modes, (x, y, z) = {"HD": 1.0, "VGA": 0.525}, vector_of(R)
     text = ""
     for mode, scale in modes.items():
         for eye, k, d, _ in EYES:

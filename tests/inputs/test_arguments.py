@@ -56,7 +56,7 @@ WRONG = {
     "seed": [lambda value: PairRenderer(CONFIG, value), ("1", None, -1, 0.0)],
     "config": [lambda value: render_pair(value, 0), ("kitti", {"name": "kitti"})],
     "focal_px": [lambda value: StereoCamera(64, 48, value, 0.1, 0, 0, 0), ("40", None, np.inf, np.nan, 1e7, 1e-12)],
-    "baseline_m": [lambda value: StereoCamera(64, 48, 40.0, value, 0, 0, 0), (None, 10**30, -0.1, 1e-12)],
+    "baseline_m": [lambda value: StereoCamera(64, 48, 40.0, value, 0, 0, 0), (None, 10**30, -0.1)],
     "cx_left_px": [lambda value: StereoCamera(64, 48, 40.0, 0.1, value, 0, 0), (np.nan, -1e7)],
     "width_px": [lambda value: StereoCamera(value, 48, 40.0, 0.1, 0, 0, 0), (0, 2.0, 2**31)],
     "world_from_model": [lambda value: scene(world_from_model=value), ("eye", [[1, 0], [1]], np.full((1, 4, 4), "1"))],

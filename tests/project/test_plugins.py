@@ -32,7 +32,7 @@ from semisynth_gl.textures.prepare import prepare_atlas
 
 ACME = {"package": "acme-stereo", "version": "1.2.0"}
 PLUGINS = {"layouts": {"flat": ACME}, "textures": {"posters": ACME}, "models": {"knots": ACME}}
-MISSING = "comes from the plug-in package acme-stereo 1.2.0, which is not installed: pip install acme-stereo==1.2.0"
+MISSING = "comes from the plug-in package 'acme-stereo==1.2.0', which is not installed"
 CUBES = dict.fromkeys({*SIMPLE_KINDS} - {"cube"}, 0.0)
 CONFIG = cheap(
     models={"complex": 0.0, "variants": 3, "kinds": CUBES, "families": {"knots": 2.0}},
@@ -163,11 +163,10 @@ def test_a_dataset_of_a_recipe_is_read_and_verified_without_the_package(tmp_path
         load_config(config)
 
 
-def test_a_file_cannot_make_a_message_propose_another_command():
+def test_a_record_without_a_package_is_refused():
     values = make_plan(load_config("kitti"), 0, "kitti", {"train": 1}).values()
-    for package in ({}, {"package": "a; rm -rf ~", "version": "1"}, {"package": "a", "version": "$(b)"}):
-        with pytest.raises(ReadError, match=r"plugins\.layouts\.x"):
-            parse(Plan, json.dumps(values | {"plugins": {"layouts": {"x": package}}}).encode(), Path("plan.json"))
+    with pytest.raises(ReadError, match=r"plugins\.layouts\.x"):
+        parse(Plan, json.dumps(values | {"plugins": {"layouts": {"x": {}}}}).encode(), Path("plan.json"))
 
 
 LAYOUT = """
