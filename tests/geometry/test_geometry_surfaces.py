@@ -4,7 +4,7 @@ from geometry_measures import edge_balance, euler_characteristic, stretch, volum
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from semisynth_gl.geometry.parts import circle, rectangle, rod, rounded, smooth, turned, turned_about_z
+from semisynth_gl.geometry.parts import circle, hollow, rectangle, rod, rounded, smooth, turned, turned_about_z
 from semisynth_gl.geometry.surfaces import (
     BAND_STRETCH,
     extruded,
@@ -12,7 +12,6 @@ from semisynth_gl.geometry.surfaces import (
     lathe,
     sweep,
 )
-from semisynth_gl.geometry.vessels import hollow
 
 
 def test_cylinder_unrolls_to_its_polygon() -> None:
