@@ -175,10 +175,7 @@ class StereoCamera(CheckedFields):
     def scaled(self, x: float, y: float, size: tuple[int, int]) -> "StereoCamera":
         """Return the camera of both images at ``x`` times their width and ``y`` times their height.
 
-        Args:
-            x: factor of the width.
-            y: factor of the height.
-            size: height and width of the result, px; the first pixels' outer corners stay where they are.
+        ``size`` is the height and width of the result, px. The first pixels' outer corners stay where they are.
         """
         if x == y == 1:
             return self

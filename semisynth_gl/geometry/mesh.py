@@ -122,12 +122,7 @@ def cross(first: Floats, second: Floats) -> Floats:
     """Return cross products along the last axis, (..., 3), as `numpy.cross` does, but fast for small arrays."""
     a, b, c = first[..., 0], first[..., 1], first[..., 2]
     p, q, r = second[..., 0], second[..., 1], second[..., 2]
-    x = b * r - c * q
-    product = np.empty((*np.shape(x), 3))
-    product[..., 0] = x
-    product[..., 1] = c * p - a * r
-    product[..., 2] = a * q - b * p
-    return product
+    return np.stack([b * r - c * q, c * p - a * r, a * q - b * p], axis=-1)
 
 
 def least_axis(direction: Floats) -> Floats:

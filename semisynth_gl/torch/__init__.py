@@ -11,8 +11,7 @@ except ModuleNotFoundError as error:
     raise ImportError(f"semisynth_gl.torch needs PyTorch, which is not installed: {how_to_install('torch')}") from error
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
-from semisynth_gl.torch.dataset import StereoDataset
-from semisynth_gl.torch.samples import Sample
+from semisynth_gl.torch.dataset import Sample, StereoDataset
 from semisynth_gl.torch.stream import StereoStream
 
 __all__ = ["PRESETS", "Augmentation", "Sample", "StereoDataset", "StereoStream"]

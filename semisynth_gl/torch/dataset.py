@@ -1,15 +1,135 @@
-"""Written pairs for a training loop: `StereoDataset`, which reads any layout."""
+"""Pairs as dictionaries of tensors: cropped, augmented, transformed; `StereoDataset`, which reads written pairs."""
 
+from collections.abc import Callable
 from os import PathLike
 from typing import Any
+
+import numpy as np
+import torch
+from torch.utils.data import Dataset
 
 from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import Crop
+from semisynth_gl.frame.channels import CHANNELS, ROLES
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import to_whole
+from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.seeds.seeds import LARGEST_NUMBER, Purpose, generator
 from semisynth_gl.seeds.splits import Split, SplitName
-from semisynth_gl.torch.samples import PairDataset, Transform
+
+Sample = dict[str, Any]
+"""A pair as `StereoStream` and `StereoDataset` make it, before `transform`: see `to_sample`."""
+Transform = Callable[[Sample], Any]
+
+_CAMERA = ("focal_px", "focal_y_px", "baseline_m", "doffs_px", "cx_left_px", "cx_right_px", "cy_px")
+
+
+class PairDataset(Dataset[Any]):
+    """What both datasets share: each pair becomes a sample, cropped, augmented and transformed.
+
+    ``sides`` are height and width of the images, px; `StereoStream` describes the other arguments. Raises InputError
+    where the crop does not fit.
+    """
+
+    def __init__(
+        self,
+        sides: tuple[int, int],
+        crop: tuple[int, int] | None,
+        augmentation: Augmentation | None,
+        transform: Transform | None,
+    ) -> None:
+        if crop is not None:
+            if np.shape(crop) != (2,):
+                raise InputError(f"expected (height, width), got {shown(crop)}", argument="crop")
+            crop = to_whole("crop", crop[0], 1, sides[0]), to_whole("crop", crop[1], 1, sides[1])
+        if augmentation is not None:
+            augmentation.check(crop, sides)
+        self._sides, self._crop, self._augmentation, self._transform = sides, crop, augmentation, transform
+        # In shared memory, for workers that outlive an epoch. PyTorch has no types for the method that puts it there.
+        epoch: Any = torch.zeros((), dtype=torch.int64)
+        self._epoch = epoch.share_memory_()
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the crops and changes of an epoch; call it before each epoch. Running workers follow too.
+
+        The first epoch is 0. Raises InputError where the epoch is not a whole number of 0 or more.
+        """
+        self._epoch.fill_(to_whole("epoch", epoch, 0, LARGEST_NUMBER))
+
+    def _sample(self, index: int, sequence: int, seed: int, pair: Callable[[Crop | None], Frame]) -> Any:  # noqa: ANN401 - what the transform returns
+        """Make a sample; the split's seed, the sequence and the epoch decide its crop and its changes.
+
+        All frames of a sequence get the same crop, so that flow leads from frame to frame. ``pair`` returns the pair,
+        cut to a crop where it gets one. Raises InputError where the pair lacks what a change needs.
+        """
+        epoch, size, crop, changes = int(self._epoch), self._crop, None, None
+        if self._augmentation is not None:
+            changes = self._augmentation.sample(size, self._sides, seed, sequence, epoch)
+            size = changes.source
+        if size is not None:
+            rng = generator(seed, Purpose.CROP, sequence, *([epoch] if epoch else []))
+            x, y = (int(rng.integers(self._sides[axis] - size[axis] + 1)) for axis in (1, 0))
+            crop = Crop(x, y, size[1], size[0])
+        frame = pair(crop)
+        if changes is not None:
+            frame = changes.applied(frame, generator(seed, Purpose.AUGMENTATION, index, epoch, "noise"))
+        elif crop is not None:
+            frame = _with_own_masks(frame)
+        sample = to_sample(index, frame)
+        return sample if self._transform is None else self._transform(sample)
+
+
+def _with_own_masks(frame: Frame) -> Frame:
+    """Return a crop with masks of its own; those of tensors on a GPU take the way through the computer's memory."""
+    if isinstance(frame.left.image, np.ndarray):
+        return frame.with_own_masks()
+    tensors: dict[str, Any] = frame.arrays()
+    arrays = {role: tensor.cpu().numpy() for role, tensor in tensors.items()}
+    masks = {channel.mask for channel in CHANNELS.values()}
+    for role, array in Frame.from_arrays(frame.camera, arrays).with_own_masks().arrays().items():
+        if ROLES[role][1].name in masks:
+            tensors[role] = torch.from_numpy(array).to(tensors[role].device)
+    return Frame.from_arrays(frame.camera, tensors)
+
+
+def to_sample(index: int, frame: Frame) -> Sample:
+    """Return a pair as a dictionary that default_collate can batch.
+
+    Args:
+        index: the pair's number in its split.
+        frame: a pair, rendered or read from files.
+
+    Returns:
+        ``index``, an int; ``camera``, a dictionary of floats; and each array of `Frame.arrays` as a tensor under its
+        role. The camera has ``focal_px``, ``focal_y_px`` (which differs in a stretched pair, and where
+        ``camera.fy_over_fx`` is not 1), ``baseline_m``, ``doffs_px``, the principal points ``cx_left_px``,
+        ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's pixels), and the right camera's deviation:
+        ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and ``focal_ratio``.
+
+        Images are (3, H, W) uint8, or (1, H, W) from a monochrome camera, and raw images have H and W of the sensor;
+        normals are (3, H, W) float32; flow, correspondences and maps into raw images are (2, H, W) float32; ids are
+        (H, W) int32; all other arrays are (H, W) of their own dtype.
+    """
+    deviation = frame.camera.deviation
+    camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
+    camera |= {f"right_{name}": float(getattr(deviation, name)) for name in ("roll_rad", "pitch_rad", "y_px")}
+    camera["focal_ratio"] = float(deviation.focal_ratio)
+    tensors = {role: _tensor(array) for role, array in frame.arrays().items()}
+    images = {role: tensor for role, tensor in tensors.items() if ROLES[role][1].is_image}
+    tensors |= {role: image.reshape(-1, *image.shape[-2:]) for role, image in images.items()}
+    return {"index": index, "camera": camera, **tensors}
+
+
+def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a reader has made instead
+    if isinstance(array, np.ndarray):
+        # Arrays read from files may be views of the bytes, upside down or read-only; torch takes neither.
+        array = np.require(array, requirements=("C", "W"))
+    tensor = torch.as_tensor(array)
+    if tensor.dtype == torch.uint16:
+        # torch has hardly any operations for uint16.
+        tensor = tensor.to(torch.int32)
+    return tensor.permute(2, 0, 1).contiguous() if tensor.ndim == 3 else tensor.contiguous()
 
 
 class StereoDataset(PairDataset):

@@ -21,7 +21,7 @@ from semisynth_gl.render.readers import read_array
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 from semisynth_gl.torch.cuda_reader import CudaReader
-from semisynth_gl.torch.samples import PairDataset, Transform
+from semisynth_gl.torch.dataset import PairDataset, Transform
 
 TensorDevice = Literal["cpu", "cuda"]
 

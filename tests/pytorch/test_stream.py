@@ -21,7 +21,7 @@ pytestmark = pytest.mark.heavy
 from torch.utils.data import DataLoader  # noqa: E402 - optional
 
 from semisynth_gl.torch import StereoStream  # noqa: E402
-from semisynth_gl.torch.samples import to_sample  # noqa: E402
+from semisynth_gl.torch.dataset import to_sample  # noqa: E402
 
 TIMEOUT_S = 120
 SEED = 3
