@@ -1,7 +1,7 @@
 """The cache: results that are built once, and kept on disk for later runs.
 
 An entry is an .npz file, named by the SHA-256 of a key. The key holds everything that decides the result: values,
-states of files, the program's code and the installed packages.
+states of files, the code of the program and of plug-ins, and the installed packages.
 
 Where the cache is switched off, full, damaged or cannot be written to, the result is built again, and the run goes on.
 """
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.plugins import modules_sha256
+from semisynth_gl.plugins import modules_sha256, plugins_sha256
 
 LIMIT_BYTES = 4_000_000_000
 """Largest size of all entries together; a full atlas of 256-pixel patches takes 134 MB."""
@@ -61,7 +61,8 @@ def cached(
     path, folder = None, cache_folder()
     with suppress(OSError):
         if folder is not None:
-            text = json.dumps([modules_sha256(Path(__file__).parent), _installed_packages(), key()], sort_keys=True)
+            code = [modules_sha256(Path(__file__).parent), *plugins_sha256()]
+            text = json.dumps([code, _installed_packages(), key()], sort_keys=True)
             path = folder / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()}{SUFFIX}"
     if path is not None:
         # There may be no entry, or a damaged one, which may fail in any way.

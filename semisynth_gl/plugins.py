@@ -57,12 +57,6 @@ class Plugin:
     record: Package
     module: str
 
-    @property
-    def code_sha256(self) -> str:
-        """SHA-256 of all modules of the package; raises OSError where they are not in files."""
-        top = sys.modules[self.module]
-        return modules_sha256(Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)]))))
-
 
 @cache
 def modules_sha256(path: Path) -> str:
@@ -87,6 +81,13 @@ def installed_plugins() -> Mapping[Group, Mapping[str, Plugin]]:
                     )
                 found[group][name] = Plugin(name, value, record, entry.module.partition(".")[0])
     return found
+
+
+def plugins_sha256() -> list[str]:
+    """Return the SHA-256 of all modules of each plug-in's package; raises OSError where they are not in files."""
+    names = {plugin.module for plugins in installed_plugins().values() for plugin in plugins.values()}
+    tops = [sys.modules[name] for name in sorted(names)]
+    return [modules_sha256(Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)])))) for top in tops]
 
 
 def find_plugin(group: Group, name: str) -> Plugin:

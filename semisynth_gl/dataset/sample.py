@@ -143,7 +143,7 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
         eye, channel = ROLES.get(role, (None, None))
         expected: tuple[Any, ...] = size
         whose = "the dataset's images"
-        if channel is not None and channel.of_sensor:
+        if channel is not None and channel.name == "raw":
             expected, whose = _height_and_width(lens.get(eye, {})), "the camera in the pair's provenance"
         match value:
             case np.ndarray():

@@ -71,11 +71,6 @@ class Channel(Generic[Value]):
         return array
 
     @property
-    def of_sensor(self) -> bool:
-        """Whether the array has the size of the raw image before rectification, not of the pair."""
-        return self.name == "raw"
-
-    @property
     def is_image(self) -> bool:
         """Whether the array is an image, which is grey, (H, W), where the cameras are monochrome."""
         return self.name in ("image", "raw")

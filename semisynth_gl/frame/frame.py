@@ -118,7 +118,7 @@ class Frame:
         camera = self.camera.cropped(crop)
         part = slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px)
         left, right = (
-            View({name: (array if CHANNELS[name].of_sensor else array[part]).copy() for name, array in view.items()})
+            View({name: (array if name == "raw" else array[part]).copy() for name, array in view.items()})
             for view in (self.left, self.right)
         )
         return Frame(camera, left, right)

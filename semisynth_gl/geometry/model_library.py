@@ -61,7 +61,6 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
     plug-in cannot be used, or models are too few for all splits.
     """
     files = [sorted(files_below(expanded(folder))) for folder in section.folders]
-    families = [find_plugin("models", name) for name, weight in section.families.items() if weight > 0]
 
     def key() -> dict[str, Any]:
         return {
@@ -71,7 +70,6 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
             "split": [split.name, sorted(split.held_out.items()) if split.models else []],
             # Only the reader of a model knows which files it opens, so all count.
             "files": [[[str(path.absolute()) for path in group], file_states(group)] for group in files],
-            "families": {plugin.name: plugin.code_sha256 for plugin in families},
         }
 
     return cached(

@@ -97,19 +97,13 @@ def height_map(mesh: Mesh, axes: Floats, cells: int) -> Floats:
 def covered_cells(
     x: Floats, y: Floats, triangles: Numbers, columns: int, rows: int
 ) -> tuple[Numbers, Numbers, Floats, Floats]:
-    """Find the cells whose centres lie in triangles.
+    """Find the cells of a coarse grid whose centres lie in triangles, for all triangles at once and without OpenGL.
 
-    Args:
-        x: (V,) columns of the vertices, in cells; the centre of the first cell is at (0, 0).
-        y: (V,) rows of the vertices, in cells.
-        triangles: (3, T) indices of vertices.
-        columns: number of columns of the grid.
-        rows: number of rows of the grid.
-
-    Returns:
-        Four arrays, (N,) each, with a value for each pair of a triangle and a cell that it covers: the triangle's
-        number; the cell's number, row times ``columns`` plus column; and the place of the cell's centre along the edges
-        from the first corner to the second and to the third corner, in lengths of these edges.
+    ``x`` and ``y``, (V,) each, are the vertices' columns and rows; the centre of the first cell is at (0, 0).
+    ``triangles`` is (3, T) indices of vertices. Returns four arrays, (N,) each, with a value for each pair of a
+    triangle and a cell that it covers: the triangle's number; the cell's number, row times ``columns`` plus column; and
+    the place of the cell's centre along the edges from the first corner to the second and to the third corner, in
+    lengths of these edges.
     """
     # Most triangles are smaller than a cell and hold no centre: each step leaves fewer.
     some_x, low_x, high_x = _spanned(x[triangles], columns)

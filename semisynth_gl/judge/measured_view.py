@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.judge.interpolation import fill_holes
-from semisynth_gl.seeds.spread import centres
+from semisynth_gl.seeds.seeds import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 WORKING_WIDTH = 512

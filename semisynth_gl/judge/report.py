@@ -22,7 +22,7 @@ from semisynth_gl.judge.measures import measure_view
 from semisynth_gl.judge.pictures import MASKS, embed_pair
 from semisynth_gl.judge.place import MeasuredPlace, map_files, measure_place
 from semisynth_gl.listener import FinishedPair, Listener
-from semisynth_gl.seeds.spread import spread
+from semisynth_gl.seeds.seeds import spread
 from semisynth_gl.textures.image_files import find_images
 
 # The page shows this many of the outliers, beside evenly spread pairs.

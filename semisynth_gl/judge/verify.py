@@ -23,8 +23,8 @@ from semisynth_gl.judge.matching import check_frames, check_masks, check_views
 from semisynth_gl.judge.rays import check_rays
 from semisynth_gl.judge.single_view import check_calibration, check_view
 from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.seeds.seeds import spread
 from semisynth_gl.seeds.splits import SplitName
-from semisynth_gl.seeds.spread import spread
 
 RAYED_PAIRS = 4
 """Default number of pairs with rays."""

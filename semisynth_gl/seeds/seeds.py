@@ -1,4 +1,4 @@
-"""Random generators, one per purpose: a further number for one purpose shifts none of another purpose."""
+"""Random generators, one per purpose, so that a further number for one purpose shifts none of another; even spreads."""
 
 import zlib
 from enum import IntEnum, unique
@@ -51,3 +51,16 @@ def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Genera
     numbers = (zlib.crc32(key.encode()) if isinstance(key, str) else key for key in keys)
     sequence = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))
     return np.random.Generator(np.random.PCG64(sequence))
+
+
+def centres(count: int, parts: int) -> list[int]:
+    """Return the number in the middle of each of ``parts`` equal parts of ``range(count)``, in rising order.
+
+    With more parts than numbers, numbers repeat.
+    """
+    return [(2 * part + 1) * count // (2 * parts) for part in range(parts)]
+
+
+def spread(count: int, wanted: int) -> list[int]:
+    """Return ``wanted`` numbers of ``range(count)``, evenly spread and rising, or all where there are no more."""
+    return centres(count, min(count, wanted))

@@ -13,7 +13,7 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER
-from semisynth_gl.seeds.spread import spread
+from semisynth_gl.seeds.seeds import spread
 
 MAX_PIXELS = 178_956_970
 """Most pixels of an image; a larger image is refused before anything is decoded. It is Pillow's own limit."""

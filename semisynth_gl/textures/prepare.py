@@ -43,7 +43,6 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
         InputError: where no image is found, no image is usable, images are too few to hold some out, or a plug-in
             cannot be used.
     """
-    source = open_source(section.source)
     if images is None:
         images = split_images(section, split)
 
@@ -53,7 +52,6 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
             "seed": split.seed,
             "images": list(map(str, images)),
             "files": file_states(images),
-            "plugin": source.plugin and source.plugin.code_sha256,
         }
 
     return cached(

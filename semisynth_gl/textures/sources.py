@@ -31,14 +31,12 @@ class TextureSource:
             None where nothing is painted.
         licences: returns the licence of each of its files, by the file's name; empty where they are not known.
         licence: which licence covers everything else: the one in the config, this program's own, or none.
-        plugin: the plug-in that paints the pictures; None for the program's own sources.
     """
 
     files: Callable[[TexturesSection], Sequence[Path]] = lambda _: ()
     pictures: Callable[[np.random.Generator], Iterable[Picture]] | None = None
     licences: Callable[[], Mapping[str, str]] = dict
     licence: Literal["config", "own", "none"] = "config"
-    plugin: Plugin | None = None
 
 
 def _of_the_user(section: TexturesSection) -> Sequence[Path]:
@@ -70,7 +68,7 @@ def open_source(name: str) -> TextureSource:
     if name in SOURCES:
         return SOURCES[name]
     plugin = find_plugin("textures", name)
-    return TextureSource(pictures=partial(_plugin_pictures, plugin), plugin=plugin)
+    return TextureSource(pictures=partial(_plugin_pictures, plugin))
 
 
 def _plugin_pictures(plugin: Plugin, rng: np.random.Generator) -> Iterator[Picture]:

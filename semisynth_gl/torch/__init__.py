@@ -10,7 +10,7 @@ try:
 except ModuleNotFoundError as error:
     raise ImportError(f"semisynth_gl.torch needs PyTorch, which is not installed: {how_to_install('torch')}") from error
 
-from semisynth_gl.augmentation import PRESETS, Augmentation
+from semisynth_gl.augmentation.augmentation import PRESETS, Augmentation
 from semisynth_gl.torch.dataset import Sample, StereoDataset
 from semisynth_gl.torch.stream import StereoStream
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from semisynth_gl.augmentation import Augmentation
+from semisynth_gl.augmentation.augmentation import Augmentation
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.channels import CHANNELS, ROLES

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import torch
 from torch.utils.data import get_worker_info
 
-from semisynth_gl.augmentation import Augmentation
+from semisynth_gl.augmentation.augmentation import Augmentation
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.engines import THREADS, threads_each
 from semisynth_gl.frame.camera import Crop

@@ -8,7 +8,7 @@ from hand_made_pairs import make_frame
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semisynth_gl.augmentation import PRESETS, Augmentation
+from semisynth_gl.augmentation.augmentation import PRESETS, Augmentation
 from semisynth_gl.augmentation.colour import mean_luminance, recoloured
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import View

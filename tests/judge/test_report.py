@@ -21,7 +21,7 @@ from semisynth_gl.judge import pictures
 from semisynth_gl.judge.comparison import MeasuredPair, find_outliers
 from semisynth_gl.judge.pictures import embed_pair
 from semisynth_gl.judge.report import report
-from semisynth_gl.seeds.spread import spread
+from semisynth_gl.seeds.seeds import spread
 
 PAIRS = {"train": 4, "validation": 2}
 

@@ -8,7 +8,7 @@ import pytest
 from heavy import heavy
 from tiny_datasets import cheap
 
-from semisynth_gl.augmentation import Augmentation
+from semisynth_gl.augmentation.augmentation import Augmentation
 from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame

@@ -8,7 +8,7 @@ from hand_made_datasets import write_dataset
 from heavy import heavy
 from tiny_datasets import cheap
 
-from semisynth_gl.augmentation import PRESETS, Augmentation
+from semisynth_gl.augmentation.augmentation import PRESETS, Augmentation
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.channels import CHANNELS, OUTPUTS, ROLES
 from semisynth_gl.inputs.errors import InputError
