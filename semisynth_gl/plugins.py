@@ -44,10 +44,6 @@ class Package(TypedDict):
     version: str
 
 
-Records = Mapping[str, Mapping[str, Package]]
-"""The package of each plug-in by group and name, in JSON's types."""
-
-
 @dataclass(frozen=True)
 class Plugin:
     """What an installed package gives under a name; ``module`` is the package's top module."""

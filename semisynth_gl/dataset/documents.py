@@ -103,7 +103,7 @@ class Plan(Document):
         pairs: number of pairs of each split; splits without pairs are left out.
         shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
         views: number of pairs that show each scene.
-        plugins: the packages of the plug-ins that the dataset is made with, see `semisynth_gl.plugins.Records`.
+        plugins: the package of each plug-in that the dataset is made with, by group and name.
         sources: digests of patches and models, by name in each split.
     """
 

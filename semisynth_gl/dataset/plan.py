@@ -11,7 +11,7 @@ from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
 from semisynth_gl.layouts.layout import sequence_length
-from semisynth_gl.plugins import Records, plugin_records
+from semisynth_gl.plugins import Package, plugin_records
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 # A shard that a run was killed in is made again, so it has few pairs. Small datasets have at least a few shards, so
@@ -80,7 +80,7 @@ def _faults(config: Config, layout: Layout) -> Iterator[str]:
         yield f"stores disparities as {encodings.disparity.description}, which has no signed ones"
 
 
-def used_plugins(config: Config, layout_name: str) -> Records:
+def used_plugins(config: Config, layout_name: str) -> dict[str, dict[str, Package]]:
     """Return the installed packages of a dataset's plug-ins; raises InputError where one is not installed."""
     used = [*config.used_plugins().values()]
     if layout_name not in LAYOUTS:

@@ -81,11 +81,10 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
     Raises:
         InputError: where shapes, indices or values are wrong.
     """
-    given = [
-        to_array(f"mesh {name}: {what}", each, np.float64) for what, each in (("positions", positions), ("uv", uv))
-    ]
-    mesh = make_part(name, *given, to_array(f"mesh {name}: triangles", triangles, np.uint32))
-    for what, points, least in zip(("positions", "uv"), given, (0.0, 1.0), strict=True):
+    vertices = to_array(f"mesh {name}: positions", positions, np.float64)
+    coordinates = to_array(f"mesh {name}: uv", uv, np.float64)
+    mesh = make_part(name, vertices, coordinates, to_array(f"mesh {name}: triangles", triangles, np.uint32))
+    for what, points, least in (("positions", vertices, 0.0), ("uv", coordinates, 1.0)):
         low, high = points.min(axis=0), points.max(axis=0)
         reach = max(float(lengths(high - low)) / 2, least)
         if max(-low.min(), high.max()) > _FARTHEST * reach > 0:
@@ -152,12 +151,10 @@ def unit(vector: Floats) -> Floats:
 
 def merged(name: str, parts: Iterable[Mesh]) -> Mesh:
     """Join meshes into one of the given name, with vertices and triangles in the order given; ``solid`` is not set."""
-    positions, uv, triangles, count = [], [], [], 0
-    for part in parts:
-        positions.append(part.positions)
-        uv.append(part.uv)
-        triangles.append(part.triangles + np.uint32(count))
-        count += len(part.positions)
+    meshes = list(parts)
+    starts = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])]).astype(np.uint32)
+    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
+    positions, uv = [mesh.positions for mesh in meshes], [mesh.uv for mesh in meshes]
     return make_part(name, np.concatenate(positions), np.concatenate(uv), np.concatenate(triangles))
 
 

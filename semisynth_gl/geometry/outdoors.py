@@ -100,10 +100,8 @@ def _window(size: Floats, at: Sequence[float]) -> Parts:
 def road_sign(rng: np.random.Generator) -> Parts:
     """One or two signs on a post: round, three-cornered, eight-cornered or square."""
     post = rng.uniform(2.0, 2.8)
-    yield from (
-        rod((0, 0, 0.02), (0, 0, post), 0.035, sides=12),
-        lathe([(0, 0), (0.12, 0), (0.12, 0.04), (0, 0.08)], 16),
-    )
+    yield rod((0, 0, 0.02), (0, 0, post), 0.035, sides=12)
+    yield lathe([(0, 0), (0.12, 0), (0.12, 0.04), (0, 0.08)], 16)
     level = post
     for _ in range(int(rng.integers(1, 3))):
         size = rng.uniform(0.3, 0.42)

@@ -47,9 +47,8 @@ def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
         along_column = lengths(np.diff(grid, axis=0)).mean(axis=1)
         uv = np.stack(np.meshgrid(_cumulative(along_row), -_cumulative(along_column)), axis=2)
     _, _, triangles = mesh_grid(rows - 1, columns - 1)
-    return without_degenerate(
-        make_part("grid", grid.reshape(-1, 3), np.asarray(uv, np.float64).reshape(-1, 2), triangles)
-    )
+    coordinates = np.asarray(uv, np.float64).reshape(-1, 2)
+    return without_degenerate(make_part("grid", grid.reshape(-1, 3), coordinates, triangles))
 
 
 def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Mesh:
