@@ -57,8 +57,7 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
             if not path.name.lower().endswith(_ENDINGS):
                 continue
             try:
-                with np.errstate(all="ignore"):
-                    meshes.append(join_surfaces(path.relative_to(folder).as_posix(), read_surfaces(path)))
+                meshes.append(join_surfaces(path.relative_to(folder).as_posix(), read_surfaces(path)))
             except InputError as error:
                 skipped.append(Skipped(path, error.text))
     if not meshes:

@@ -42,10 +42,10 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
     coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
     index = to_array(f"model {name}: triangles", triangles, np.uint32)
     make_part(name, points, unmapped if coordinates is None else coordinates, index)  # checks shapes and values
-    with np.errstate(all="ignore"):
-        return join_surfaces(name, [(points, index.astype(np.int64), coordinates)])
+    return join_surfaces(name, [(points, index.astype(np.int64), coordinates)])
 
 
+@np.errstate(all="ignore")  # numbers that are not finite are found, or belong to triangles that are left out
 def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
     """Join surfaces to one model, see `make_model`.
 
@@ -109,12 +109,11 @@ def _texture_pull(corners: Floats, uv: Floats) -> tuple[Floats, Floats, Floats]:
     # Squared ratios are eigenvalues of inv(T) S; S and T hold inner products of two edges, on the surface and in UV.
     a, b, c = _inner_products(np.diff(corners, axis=1))
     p, q, r = _inner_products(np.diff(uv, axis=1))
-    with np.errstate(all="ignore"):
-        determinant, uv_determinant = a * c - b * b, p * r - q * q
-        half_trace = (c * p - 2 * b * q + a * r) / 2
-        root = np.sqrt(np.maximum(half_trace**2 - determinant * uv_determinant, 0))
-        pull = np.sqrt((half_trace + root) / uv_determinant)
-        return np.sqrt(np.maximum(determinant, 0)), np.sqrt(np.maximum(uv_determinant, 0)), pull
+    determinant, uv_determinant = a * c - b * b, p * r - q * q
+    half_trace = (c * p - 2 * b * q + a * r) / 2
+    root = np.sqrt(np.maximum(half_trace**2 - determinant * uv_determinant, 0))
+    pull = np.sqrt((half_trace + root) / uv_determinant)
+    return np.sqrt(np.maximum(determinant, 0)), np.sqrt(np.maximum(uv_determinant, 0)), pull
 
 
 def _inner_products(edges: Floats) -> tuple[Floats, ...]:
