@@ -98,15 +98,6 @@ def cache_folder() -> Path | None:
     return None
 
 
-def cache_summary() -> str:
-    """Return one line with the cache's folder, the size of its entries and `LIMIT_BYTES`, or "off"."""
-    folder = cache_folder()
-    if folder is None:
-        return "off"
-    total = sum(path.stat().st_size for path in folder.glob(f"*{SUFFIX}"))
-    return f"{folder}, {total / 1e6:.0f} MB of at most {LIMIT_BYTES / 1e6:.0f} MB"
-
-
 def _write_entry(path: Path, entry: Entry) -> None:
     """Write an entry, then remove the oldest entries beyond `LIMIT_BYTES`."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

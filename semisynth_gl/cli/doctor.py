@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cache import cache_summary
+from semisynth_gl.cache import cache_folder
 from semisynth_gl.cli.options import Command
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.inputs.opencv import open_opencv
@@ -33,7 +33,7 @@ def doctor() -> None:
         for name, plugin in plugins.items():
             package, version_there = plugin.record["package"], plugin.record["version"]
             click.echo(f"Plug-in: {NOUNS[group]} {name!r} of the package {package} {version_there}")
-    click.echo(f"Cache: {cache_summary()}")
+    click.echo(f"Cache: {cache_folder() or 'off'}")
     click.echo("EGL devices (in EGL's order, which is not CUDA's)")
     for device in egl_devices():
         cuda = "" if device.cuda is None else f"GPU {device.cuda} of CUDA's"

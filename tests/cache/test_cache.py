@@ -15,7 +15,7 @@ from PIL import Image
 from tiny_datasets import cheap
 
 from semisynth_gl import cache
-from semisynth_gl.cache import Entry, cache_summary, cached
+from semisynth_gl.cache import Entry, cache_folder, cached
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.model_library import build_library
@@ -272,4 +272,4 @@ def test_where_the_cache_lies(tmp_path, monkeypatch, variable, base, expected):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", variable)
     monkeypatch.setenv("XDG_CACHE_HOME", base and str(tmp_path / base))
-    assert cache_summary() == f"{tmp_path / expected}, 0 MB of at most 4000 MB"
+    assert cache_folder() == tmp_path / expected
