@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from hypothesis import HealthCheck, seed, settings
-from processes import without_announcements
+from processes import Ended, without_announcements
 from scenes import SQUARE
 
 from semisynth_gl.cli import main
@@ -137,16 +137,16 @@ def square() -> Mesh:
 @pytest.fixture
 def program(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Callable[..., tuple[int, str, str]]:
-    """Run the program in this process, in a folder of the test; its status, what it prints, and what it says of it."""
+) -> Callable[..., Ended]:
+    """Run the program in this process, in a folder of the test."""
 
-    def run(*arguments: object) -> tuple[int, str, str]:
+    def run(*arguments: object) -> Ended:
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(sys, "argv", ["semisynth-gl", *map(str, arguments)])
         capsys.readouterr()
         with pytest.raises(SystemExit) as stopped:
             main()
         out, err = capsys.readouterr()
-        return stopped.value.code, out, without_announcements(err)
+        return Ended(stopped.value.code, out, without_announcements(err))
 
     return run

@@ -3,9 +3,25 @@
 import re
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 PATIENCE_S = 120
 """Whatever takes longer never happens, s."""
+
+
+class Ended(NamedTuple):
+    """How a command ended, and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+
+def assert_refused(ended, *words):
+    """A command refused its input: exit code 2, and nothing printed but a message with these words."""
+    assert (ended.code, ended.out, "Traceback" in ended.err) == (2, "", False), ended.err
+    for word in words:
+        assert str(word) in ended.err
 
 
 def alive(process):

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from click.testing import CliRunner
 from tiny_datasets import CLUTTER_ALONE, cheap
 
@@ -17,12 +16,6 @@ from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
 
 SMALL = (*CLUTTER_ALONE, "scale=0.15", "textures.source=procedural", "textures.max_patches=8", "models.variants=1")
-
-
-@pytest.fixture(autouse=True)
-def _some_backend():
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
 
 
 def test_the_command_finds_the_disparity_exact_to_float32(tmp_path):

@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from backends import backend_fault
 from click.testing import CliRunner
 from recorder import Recorder
 from tiny_datasets import CLUTTER_ALONE
@@ -17,8 +16,6 @@ SMALL = (*CLUTTER_ALONE, "scale=0.1", "textures.source=procedural", "textures.ma
 
 
 def test_the_command_times_stages_and_workers(tmp_path):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     settings = [word for setting in (*SMALL, "sequence.length=3", "outputs=[flow]") for word in ("--set", setting)]
     arguments = ["bench", "speed", "--config", "eth3d", "--pairs", "2", "--workers", "2", "--workers", "1", *settings]
     arguments += ["--json", str(tmp_path / "a.json")]
@@ -41,8 +38,6 @@ def test_usual_workers_end_with_all_cores(monkeypatch, cores, expected):
 
 
 def test_a_renderer_reports_its_stages_in_their_order():
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     recorder = Recorder()
     with PairRenderer(load_config("eth3d", SMALL), 0) as renderer:
         renderer.renderer.listener = recorder

@@ -9,12 +9,11 @@ import click
 import cv2
 import numpy as np
 import pytest
-from backends import backend_fault
 from PIL import Image
+from processes import Ended, assert_refused
 from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl import cli
-from semisynth_gl.cli import main
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config, packaged_configs
 from semisynth_gl.render.devices import Device
@@ -26,7 +25,7 @@ ETH3D = ("generate", "--config", "eth3d", *SMALL, "--images")
 
 def run(*arguments, cwd=None, **environment):
     """Run the program as a script does."""
-    return subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-m", "semisynth_gl", *map(str, arguments)],
         cwd=cwd,
         env=os.environ | environment,
@@ -35,35 +34,7 @@ def run(*arguments, cwd=None, **environment):
         check=False,
         timeout=120,
     )
-
-
-@pytest.fixture
-def call(monkeypatch, capsys, tmp_path):
-    """Run the program in this process, which saves it the time to start."""
-
-    def caller(*arguments):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", ["semisynth-gl", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        return subprocess.CompletedProcess(arguments, stopped.value.code, *capsys.readouterr())
-
-    return caller
-
-
-def refused(done, *words):
-    assert done.returncode == 2, done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
-    for word in words:
-        assert word in done.stderr
-
-
-@pytest.fixture(autouse=True)
-def _some_backend():
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
+    return Ended(done.returncode, done.stdout, done.stderr)
 
 
 @pytest.fixture
@@ -75,13 +46,13 @@ def photographs(tmp_path):
     return folder
 
 
-def test_generate_writes_a_dataset_that_opencv_reads(call, tmp_path, photographs):
+def test_generate_writes_a_dataset_that_opencv_reads(program, tmp_path, photographs):
     command = ("generate", "--config", "middlebury.yaml", "--images", photographs, "--out", "data/lab", *SMALL)
     command += ("--outputs", "visibility,depth")
     done = run(*command, "--pairs", 2, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == "2 pairs in data/lab\n"
-    assert "2 of 2 pairs" in done.stderr
+    assert done.code == 0, done.err
+    assert done.out == "2 pairs in data/lab\n"
+    assert "2 of 2 pairs" in done.err
     scene = tmp_path / "data/lab/MiddEval3/trainingF/middlebury-000001"
     assert cv2.imread(str(scene / "im0.png")).shape == (96, 160, 3)
     assert np.isfinite(cv2.imread(str(scene / "disp0GT.pfm"), cv2.IMREAD_UNCHANGED)).all()
@@ -92,34 +63,34 @@ def test_generate_writes_a_dataset_that_opencv_reads(call, tmp_path, photographs
     assert index["pairs"] == {"train": 2}
     assert index["config_values"]["camera"]["width_px"] == 160
     assert index["config_values"]["outputs"] == ["visibility", "depth"]
-    refused(call(*command, "--seed", 4, "--pairs", 2), "seed", "overwrite")
+    assert_refused(program(*command, "--seed", 4, "--pairs", 2), "seed", "overwrite")
     before = scene.stat().st_mtime_ns
-    assert call(*command, "--pairs", 2).returncode == 0
+    assert program(*command, "--pairs", 2).code == 0
     assert scene.stat().st_mtime_ns == before
 
 
-def test_preview_draws_a_sheet(call, tmp_path, photographs):
+def test_preview_draws_a_sheet(program, tmp_path, photographs):
     command = ("preview", "--config", "kitti", "--images", photographs, *SMALL)
-    done = call(*command, "--out", "sheet.png", "--pairs", 2)
-    assert done.returncode == 0, done.stderr
+    done = program(*command, "--out", "sheet.png", "--pairs", 2)
+    assert done.code == 0, done.err
     assert len(Image.open(tmp_path / "sheet.png").convert("RGB").getcolors(1 << 24)) > 1000
 
 
 def test_doctor_renders_its_test_pair_or_says_what_to_install():
     done = run("doctor", MESA_GL_VERSION_OVERRIDE="3.1")
-    assert done.returncode == 1
-    assert "apt-get install" in done.stdout
+    assert done.code == 1
+    assert "apt-get install" in done.out
     done = run("doctor")
-    assert done.returncode == 0, done.stdout
-    assert "Ready:" in done.stdout
+    assert done.code == 0, done.out
+    assert "Ready:" in done.out
 
 
 @pytest.mark.parametrize("cuda", [None, 0])
-def test_doctor_tells_where_egl_does_not_list_an_nvidia_gpu(call, monkeypatch, tmp_path, cuda):
+def test_doctor_tells_where_egl_does_not_list_an_nvidia_gpu(program, monkeypatch, tmp_path, cuda):
     monkeypatch.setattr("semisynth_gl.cli.doctor._NVIDIA_CONTROL", tmp_path)
     monkeypatch.setattr("semisynth_gl.cli.doctor._try", lambda _: True)
     monkeypatch.setattr("semisynth_gl.render.devices.egl_devices", lambda: [Device(0, software=False, cuda=cuda)])
-    assert ("NVIDIA's GPU is not among them" in call("doctor").stdout) == (cuda is None)
+    assert ("NVIDIA's GPU is not among them" in program("doctor").out) == (cuda is None)
 
 
 @pytest.mark.parametrize(
@@ -138,40 +109,40 @@ def test_doctor_tells_where_egl_does_not_list_an_nvidia_gpu(call, monkeypatch, t
         ("generate --config middlebury --out nothing://x", ["nothing://x"]),
     ],
 )
-def test_wrong_input_is_refused_and_nothing_written(call, tmp_path, arguments, words):
-    refused(call(*arguments.split()), *words)
+def test_wrong_input_is_refused_and_nothing_written(program, tmp_path, arguments, words):
+    assert_refused(program(*arguments.split()), *words)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_hostile_images_are_named_and_counted(call, tmp_path, photographs):
+def test_hostile_images_are_named_and_counted(program, tmp_path, photographs):
     (photographs / "broken.jpg").write_bytes(b"\xff\xd8\xff\xe0 not really")
     (photographs / "cut.png").write_bytes((photographs / "noise.png").read_bytes()[:5000])
-    done = call(*ETH3D, photographs, "--out", "o", "--pairs", 1)
-    assert done.returncode == 0, done.stderr
+    done = program(*ETH3D, photographs, "--out", "o", "--pairs", 1)
+    assert done.code == 0, done.err
     for words in ("broken.jpg", "cut.png", "2 not usable"):
-        assert words in done.stderr
+        assert words in done.err
     (photographs / "noise.png").unlink()
-    refused(call(*ETH3D, photographs, "--out", "p"), "broken.jpg", "cut.png")
+    assert_refused(program(*ETH3D, photographs, "--out", "p"), "broken.jpg", "cut.png")
     assert not (tmp_path / "p").exists()
 
 
-def test_broken_models_are_named_and_left_out(call, tmp_path, photographs):
+def test_broken_models_are_named_and_left_out(program, tmp_path, photographs):
     models = tmp_path / "models"
     models.mkdir()
     (models / "good.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
     (models / "nan.obj").write_text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     command = (*ETH3D, photographs, "--models", models, "--pairs", 1)
-    done = call(*command, "--out", "o")
-    assert done.returncode == 0, done.stderr
-    assert str(models / "nan.obj") in done.stderr
-    assert "good.obj:" not in done.stderr
+    done = program(*command, "--out", "o")
+    assert done.code == 0, done.err
+    assert str(models / "nan.obj") in done.err
+    assert "good.obj:" not in done.err
     (models / "good.obj").unlink()
-    refused(call(*command, "--out", "p"), "nan.obj")
+    assert_refused(program(*command, "--out", "p"), "nan.obj")
 
 
-def test_a_stopped_run_says_so_and_leaves_no_index(call, monkeypatch, tmp_path, photographs):
+def test_a_stopped_run_says_so_and_leaves_no_index(program, monkeypatch, tmp_path, photographs):
     monkeypatch.setattr(Progress, "on_pair", lambda progress, _: progress.stop())
-    refused(call(*ETH3D, photographs, "--out", "o", "--pairs", 9, "--engine", "serial"), "Stopped")
+    assert_refused(program(*ETH3D, photographs, "--out", "o", "--pairs", 9, "--engine", "serial"), "Stopped")
     assert not (tmp_path / "o/index.json").exists()
 
 
@@ -184,14 +155,14 @@ def test_a_stopped_run_says_so_and_leaves_no_index(call, monkeypatch, tmp_path, 
         (click.UsageError("no such option"), "no such option"),
     ],
 )
-def test_errors_of_the_process_are_one_line(call, monkeypatch, error, said):
+def test_errors_of_the_process_are_one_line(program, monkeypatch, error, said):
     def fail(**_: object) -> None:
         raise error
 
     monkeypatch.setattr(cli.semisynth_gl, "main", fail)
-    done = call()
-    refused(done, said)
-    assert len(done.stderr.splitlines()) == 1
+    done = program()
+    assert_refused(done, said)
+    assert len(done.err.splitlines()) == 1
 
 
 def test_a_pipe_that_nobody_reads_is_no_error():
@@ -200,16 +171,14 @@ def test_a_pipe_that_nobody_reads_is_no_error():
     assert (done.returncode in (0, 1), done.stderr) == (True, "")
 
 
-def test_configs_are_listed_and_printed_in_full(call, tmp_path):
-    listed = call("configs")
-    assert listed.returncode == 0
-    assert [line.split()[0] for line in listed.stdout.splitlines()] == packaged_configs()
-    (tmp_path / "lab.yaml").write_text(call("configs", "kitti").stdout)
+def test_configs_are_listed_and_printed_in_full(program, tmp_path):
+    listed = program("configs")
+    assert listed.code == 0
+    assert [line.split()[0] for line in listed.out.splitlines()] == packaged_configs()
+    (tmp_path / "lab.yaml").write_text(program("configs", "kitti").out)
     assert load_config(tmp_path / "lab.yaml").digest() == load_config("kitti").digest()
-    refused(call("configs", "kiti"), "did you mean kitti?")
+    assert_refused(program("configs", "kiti"), "did you mean kitti?")
 
 
 def test_verify_takes_a_number_of_pairs_or_all(program):
-    code, _, err = program("verify", "pairs", "--rays", 2, "--oracle")
-    assert code == 2
-    assert "--rays or --oracle" in err
+    assert_refused(program("verify", "pairs", "--rays", 2, "--oracle"), "--rays or --oracle")

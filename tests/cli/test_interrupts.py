@@ -3,6 +3,7 @@
 import signal
 
 import pytest
+from processes import assert_refused
 
 from semisynth_gl.dataset.interrupts import interrupts_stop
 from semisynth_gl.listener import Listener
@@ -10,9 +11,7 @@ from semisynth_gl.listener import Listener
 
 def test_an_interrupt_ends_a_command_with_a_line(monkeypatch, program):
     monkeypatch.setattr("semisynth_gl.cli.configs.summaries", lambda: signal.raise_signal(signal.SIGINT))
-    code, _, err = program("configs")
-    assert code == 2
-    assert err.strip().startswith("Stopped.")
+    assert_refused(program("configs"), "Stopped.")
 
 
 def test_the_second_interrupt_of_a_long_run_ends_it():

@@ -10,7 +10,6 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from backends import backend_fault
 from processes import PATIENCE_S, alive, wait_for
 from recorder import Recorder
 from tiny_datasets import PAIRS, SEED, command, digests, tiny
@@ -28,8 +27,6 @@ SHARD = "shards/semisynth-middlebury-train-00000{}.json"
 
 @pytest.fixture(scope="module")
 def config():
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     return tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
 
 

@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from backends import backend_fault
 from tiny_datasets import SEED, findings, tiny
 
 from semisynth_gl.config import load_config
@@ -16,8 +15,6 @@ from semisynth_gl.scene.sources import prepare_sources
 
 @pytest.fixture(scope="module")
 def config():
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     return tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
 
 

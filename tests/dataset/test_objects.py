@@ -2,7 +2,6 @@
 
 import cv2
 import pytest
-from backends import backend_fault
 from tiny_datasets import lean
 
 from semisynth_gl.dataset.generate import generate
@@ -16,8 +15,6 @@ STRUCTURES = {"ground": 1.0, "panels": 4, "panel_size_px": [30, 60], "panel_curv
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     folder = tmp_path_factory.mktemp("objects")
     generate(lean("kitti", structures=STRUCTURES), folder, 2, 3, layout="kitti")
     return folder

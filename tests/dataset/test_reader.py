@@ -7,7 +7,6 @@ from multiprocessing.pool import ThreadPool
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from hand_made_datasets import config_of, write_dataset
 from hand_made_pairs import CAMERA, make_frame
 from planted_faults import findings
@@ -50,8 +49,6 @@ def test_a_dataset_without_the_section_has_the_default_encodings(tmp_path):
 
 
 def test_16_bit_disparities_beyond_256_px_are_counted(tmp_path, program):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     keys = ["files.disparity=png16", "disparity={min_px: 20, max_px: 430, target: {form: uniform}}", "scenes=[]"]
     keys += ["camera.width_px=900", "camera.height_px=60", "textures={source: procedural}", "models.complex=0"]
     options = [word for key in keys for word in ("--set", key)]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hand_made_datasets import SEED, config_of, write_dataset
 from hand_made_pairs import make_frame
+from processes import assert_refused
 
 from semisynth_gl.dataset.folder import begin, read_plan
 from semisynth_gl.dataset.plan import make_plan
@@ -177,7 +178,4 @@ def test_commands_end_with_one_message(clean, tmp_path, program, command):
         "evaluate": ["--pred", tmp_path, "--gt", dataset],
         "report": [dataset, "--out", tmp_path / "page.html"],
     }[command]
-    code, _, err = program(command, *arguments)
-    assert code == 2
-    assert "index.json: pairs.train: " in err
-    assert "Traceback" not in err
+    assert_refused(program(command, *arguments), "index.json: pairs.train: ")

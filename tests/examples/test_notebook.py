@@ -5,7 +5,6 @@ import os
 from pathlib import Path
 
 import pytest
-from backends import backend_fault
 from heavy import heavy
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "examples" / "first_steps.ipynb"
@@ -21,8 +20,6 @@ def test_the_notebook_runs():
     nbformat, nbclient = heavy("nbformat"), heavy("nbclient")
     for name in ("ipykernel", "torch"):
         heavy(name)
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     book = nbformat.read(NOTEBOOK, as_version=4)
     book.cells.append(nbformat.v4.new_code_cell(FACTS))
     client = nbclient.NotebookClient(book, timeout=None, resources={"metadata": {"path": str(NOTEBOOK.parent)}})

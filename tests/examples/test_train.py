@@ -11,7 +11,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from click.testing import CliRunner
 from heavy import heavy
 from PIL import Image
@@ -92,8 +91,6 @@ def _alone(one_thread, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     folder = tmp_path_factory.mktemp("train") / "pairs"
     generate(load_config(ROOT / "examples" / "small-rooms.yaml", SMALL.split()), folder, 6, 0)
     return folder

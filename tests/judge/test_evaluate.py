@@ -6,7 +6,6 @@ import shutil
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from click.testing import CliRunner
 from PIL import Image
 from tiny_datasets import config_of
@@ -28,8 +27,6 @@ SHAPE = 20, 30
 
 
 def dataset_of(layout, tmp_path_factory, pairs):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     folder = tmp_path_factory.mktemp("evaluate") / layout
     generate(config_of(), folder, pairs, 0, layout=layout)
     return folder

@@ -8,7 +8,6 @@ import zlib
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from browser import open_browser, wait
 from PIL import Image
 from tiny_datasets import config_of
@@ -28,8 +27,6 @@ PAIRS = {"train": 4, "validation": 2}
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     folder = tmp_path_factory.mktemp("report") / "set"
     generate(config_of(), folder, PAIRS, 0)
     return folder

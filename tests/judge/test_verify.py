@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from PIL import Image
 from planted_faults import (
     all_findings,
@@ -20,6 +19,7 @@ from planted_faults import (
     findings,
     swap,
 )
+from processes import assert_refused
 from scenes import noise_layers
 from tiny_datasets import SCENES, cheap, lean, tiny, verified
 
@@ -42,8 +42,6 @@ ONE = "middlebury-000001"
 
 @pytest.fixture(scope="module")
 def datasets(tmp_path_factory):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     root = tmp_path_factory.mktemp("datasets")
     for name in BENCHMARKS:
         config = lean(name) if name == "middlebury" else tiny(name)
@@ -81,8 +79,6 @@ def test_a_clean_dataset_has_no_finding(datasets, name):
 
 @pytest.mark.parametrize("layout", layout_names())
 def test_clean_normals_have_no_finding_in_any_layout(tmp_path, layout):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     generate(cheap(outputs=[*OUTPUTS[:4]]), tmp_path / "out", 2, 0, layout=layout)
     for pair in clean(tmp_path / "out", 200):
         assert 0 < pair["oracle_normals_largest_deg"] < 0.01
@@ -316,8 +312,6 @@ SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 def test_rays_find_normals_of_other_places_beside_triangles_that_they_miss():
     """A wall, and triangles before it whose planes nearly go through the left eye."""
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     camera, rng, count = StereoCamera.centred(80, 60, 75.0, 0.1), np.random.default_rng(5), 1000
     middle = np.array([camera.cx_left_px, camera.cy_px])
     wall = make_mesh("wall", [[-9, -9, 9], [9, -9, 9], [9, 9, 9], [-9, 9, 9]], SQUARE, [[0, 1, 2], [0, 2, 3]])
@@ -356,9 +350,7 @@ def test_the_command_tells_what_it_found(program, dataset, tmp_path):
 
 
 def test_the_command_refuses_what_is_no_finished_dataset(program, dataset):
-    assert program("verify", dataset, "--json", "no/x.json")[:2] == (2, "")
+    assert_refused(program("verify", dataset, "--json", "no/x.json"))
     (dataset / "index.json").unlink()
     for arguments, words in ((("nowhere",), "not a dataset"), ((dataset,), "not finished"), ((), "DIR")):
-        code, out, err = program("verify", *arguments)
-        assert (code, out) == (2, "")
-        assert words in err
+        assert_refused(program("verify", *arguments), words)

@@ -5,7 +5,6 @@ import shutil
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from planted_faults import all_findings, at_pixel, change_disparity, change_image, checks, findings, swap
 from tiny_datasets import SCENES, tiny, verified
 
@@ -44,8 +43,6 @@ def make(out, pairs=3, layout=None, outputs=("visibility", *FLOWS), truth="both"
 @pytest.fixture(scope="module")
 def datasets(tmp_path_factory):
     """A sequence of three frames in each encoding of flow."""
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     root = tmp_path_factory.mktemp("datasets")
     for encoding in SUFFIXES:
         make(root / encoding, files={"flow": encoding})

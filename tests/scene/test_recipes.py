@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
@@ -81,8 +80,6 @@ def test_successive_sequences_have_each_recipe_as_often_as_its_share_says(weight
 
 
 def test_a_preview_shows_each_recipe_and_says_what_it_is(tmp_path):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
     path, sheet = tmp_path / "mix.yaml", str(tmp_path / "sheet.png")
     path.write_text(json.dumps(mixed(small()).model_dump(mode="json", exclude_none=True)))
     done = CliRunner().invoke(semisynth_gl, ["preview", "--config", str(path), "--out", sheet])
