@@ -1,7 +1,5 @@
 """A config from a rig's calibration: scale, photographs, recipes, the written YAML, and the numbers in refusals."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -213,10 +211,3 @@ def test_numbers_of_no_rig_are_refused(program, tmp_path, value):
         given = ("--images", "photos", *rig, *reach, "--trials", 0, "--out", "a.yaml", *option.split(), value)
         said = "the range of disparity is 1 to" if option == "--range-px 1" else option.split()[0]
         assert_refused(program("calibrate", *given), said)
-
-
-def test_the_command_loads_no_package_that_it_does_not_use():
-    show = "import sys, semisynth_gl.cli.{}; print({{'trimesh', 'scipy', 'matplotlib'}} & {{*sys.modules}})"
-    for module in ("calibrate", "preview"):
-        done = subprocess.run([sys.executable, "-c", show.format(module)], capture_output=True, text=True, check=True)
-        assert done.stdout.strip() == "set()", module

@@ -21,7 +21,7 @@ from planted_faults import (
 )
 from processes import assert_refused
 from scenes import noise_layers
-from tiny_datasets import SCENES, cheap, lean, tiny, verified
+from tiny_datasets import SCENES, cheap, lean, verified
 
 from semisynth_gl import Renderer, make_mesh, make_scene
 from semisynth_gl.codecs.png import GREY16
@@ -44,7 +44,7 @@ ONE = "middlebury-000001"
 def datasets(tmp_path_factory):
     root = tmp_path_factory.mktemp("datasets")
     for name in BENCHMARKS:
-        config = lean(name) if name == "middlebury" else tiny(name)
+        config = lean(name)
         outputs = OUTPUTS if name == "middlebury" else ("visibility",)
         generate(config.model_copy(update={"outputs": outputs}), root / name, 3, 0)
     return root

@@ -1,4 +1,4 @@
-"""Images lie on their truth: no antialiasing mode and no imperfection shifts them."""
+"""Images lie on their truth: neither antialiasing nor motion blur shifts them."""
 
 from dataclasses import replace
 
@@ -9,7 +9,6 @@ from scenes import SQUARE, on_plane, one_model
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.pairs.cameras import expose, moments
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.render.renderer import Renderer
 
 # Patch of the scene that shifts are measured on: waves, (cycles along u, along v) of red, green and blue.
@@ -36,17 +35,12 @@ def drawn(mode, backend, poses=()):
         return Frame.from_arrays(frame.camera, frame.arrays() | images)
 
 
-def as_it_is(image, _eye):
-    return image
-
-
-def truth_shift_px(frame, change=as_it_is, levels=as_it_is):
+def truth_shift_px(frame):
     """Measure the shift between an image and the truth at the same pixel, px, the larger of both eyes'.
 
     The ray through a pixel's centre meets the plane at the point whose disparity the pixel has, and the colour of that
-    point follows from the equation of the waves. The images are changed first; what is known to change the levels of
-    pixels without regard to their neighbours does so to the colours of the points, too. Contrast and brightness are
-    free, so a blur that is the same on both sides counts as no shift.
+    point follows from the equation of the waves. Contrast and brightness are free, so a blur that is the same on both
+    sides counts as no shift.
     """
     y, x = np.mgrid[: CAMERA.height_px, : CAMERA.width_px].astype(np.float64)
 
@@ -55,7 +49,7 @@ def truth_shift_px(frame, change=as_it_is, levels=as_it_is):
         rays = CAMERA.rays(eye, x + right, y + down)
         point = eye_m + rays * ((DISTANCE_M - NORMAL @ eye_m) / (rays @ NORMAL))[..., None]
         u, v = ((point[..., axis] / SIDE_M + 0.5) * REPEATS for axis in (0, 1))
-        return levels(waves(u, v), eye).astype(np.float64)
+        return waves(u, v)
 
     shifts = []
     for eye in EYES:
@@ -63,7 +57,7 @@ def truth_shift_px(frame, change=as_it_is, levels=as_it_is):
         along_x = expected(eye, right=0.5) - expected(eye, right=-0.5)
         along_y = expected(eye, down=0.5) - expected(eye, down=-0.5)
         columns = np.stack([sought, np.ones_like(sought), along_x, along_y], axis=-1).reshape(-1, 4)
-        image = change(frame.view(eye).image, eye).astype(np.float64)
+        image = frame.view(eye).image.astype(np.float64)
         (contrast, _, x_px, y_px), *_ = np.linalg.lstsq(columns, image.ravel(), rcond=None)
         shifts.append(float(np.hypot(x_px, y_px) / contrast))
     return max(shifts)
@@ -77,34 +71,6 @@ def waves(u, v):
 @pytest.mark.parametrize("mode", ["none", "edges", "ssaa2", "ssaa3"])
 def test_images_lie_on_their_truth(backend, mode):
     assert truth_shift_px(drawn(mode, backend)) < (0.001 if mode == "none" else 0.01)
-
-
-OF_LEVELS = {"vignetting", "exposure_stops", "white_balance", "gamma"}
-
-
-# JPEG, whose blocks do something else at each place, is Pillow's: see test_imperfections.py.
-@pytest.mark.one_backend
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"blur_px": 2.0},
-        {"vignetting": 0.5, "exposure_stops": -0.7, "white_balance": (0.5, -0.5)},
-        {"gamma": 1.5, "sharpening": 2.0},
-        {"vignetting": 0.3, "noise": 4.0, "gamma": 0.8, "sharpening": 1.0},
-    ],
-    ids=",".join,
-)
-def test_imperfections_leave_images_on_their_truth(backend, values):
-    rng = np.random.default_rng(0)
-
-    def levels(image, eye):
-        of_levels = Imperfections(**{key: value for key, value in values.items() if key in OF_LEVELS})
-        return apply_imperfections(np.rint(image).astype(np.uint8), of_levels, rng, CAMERA.lens_px(eye)[:2])
-
-    def change(image, eye):
-        return apply_imperfections(image, Imperfections(**values), rng, CAMERA.lens_px(eye)[:2])
-
-    assert truth_shift_px(drawn("none", backend), change, levels) < 0.01
 
 
 @pytest.mark.one_backend

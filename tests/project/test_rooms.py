@@ -11,6 +11,10 @@ PACKAGE = Path(semisynth_gl.__file__).resolve().parent
 NEED_OPENGL = {"bench", "calibration", "dataset", "pairs", "render", "torch"}
 
 
+# Modules of commands that need no larger package than NumPy.
+NEED_NUMPY = ("calibrate", "doctor", "evaluate", "generate", "preview", "report", "verify")
+
+
 def run_python(program: str, without: tuple[str, ...] = ()) -> subprocess.CompletedProcess[str]:
     # None in sys.modules makes an import of that name fail, installed or not.
     block = f"import sys; sys.modules.update(dict.fromkeys({without!r}))\n"
@@ -32,7 +36,7 @@ def test_the_rooms_that_load_without_opengl() -> None:
 def test_a_command_loads_no_package_that_it_does_not_use() -> None:
     # trimesh brings scipy along; each takes about as long to load as all else together.
     large = {"trimesh", "scipy", "matplotlib", "numpy"}
-    of_numpy = ((f".{name}", "['numpy']") for name in ("generate", "doctor", "verify", "report", "evaluate"))
+    of_numpy = ((f".{name}", "['numpy']") for name in NEED_NUMPY)
     for module, loaded in (("", "[]"), *of_numpy):
         done = run_python(f"import semisynth_gl.cli{module}; print(sorted({large} & {{*sys.modules}}))")
         assert done.stdout.strip() == loaded, module

@@ -93,8 +93,9 @@ def test_a_ground_has_the_disparity_that_is_asked_for_whatever_the_rig(baseline_
 
 def test_panels_are_slanted_curved_and_beyond_the_near_plane(sampler_of):
     keys = "structures={panels: 40, panel_slant_deg: [30, 60], panel_curved: 0.5, panel_disparity_px: [10, 289]}"
-    scene = sampler_of(keys).sample(0).scene
-    panels = range(6, 46)
+    sampled = sampler_of(keys).sample(0)
+    scene, panels = sampled.scene, range(6, 46)
+    assert [row["still"] for row in sampled.instance_table()] == [True] * 46 + [False] * (len(scene) - 46)
     assert 10 <= sum(SURFACE_MODELS[scene.model[k]] is CURVED_PANEL for k in panels) <= 30
     for k in panels:
         pose = scene.world_from_model[k]
