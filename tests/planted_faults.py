@@ -1,5 +1,7 @@
 """Faults planted in the files of a dataset, and what `verify` finds of them."""
 
+import json
+
 import numpy as np
 from PIL import Image
 from tiny_datasets import verified
@@ -9,35 +11,30 @@ from semisynth_gl.codecs.pfm import PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, RGB8
 
 
-def all_findings(dataset, rays=0):
-    return verified(dataset, rays).findings
-
-
 def findings(dataset, rays=0):
     """What is found beside the digest, which gives every change of a file away."""
-    return [finding for finding in all_findings(dataset, rays) if finding.check != "sha256"]
+    return [finding for finding in verified(dataset, rays).findings if finding.check != "sha256"]
 
 
 def checks(dataset, rays=0):
     return {finding.check for finding in findings(dataset, rays)}
 
 
-def change_image(path, change):
-    image = np.asarray(Image.open(path))
-    changed = np.ascontiguousarray(change(image))
-    path.write_bytes((GREY8 if changed.ndim == 2 else RGB8).encode(changed))
+def change_file(path, change, codec=None):
+    """Change the array that a file holds; flow may have another codec than its name tells."""
+    if codec is None and path.suffix == ".png":
+        changed = np.ascontiguousarray(change(np.asarray(Image.open(path))))
+        codec = GREY8 if changed.ndim == 2 else RGB8
+    else:
+        codec = codec or (Flo() if path.suffix == ".flo" else PFM3 if path.name.startswith("normals") else PFM)
+        changed = np.ascontiguousarray(change(codec.read(path)), np.float32)
+    path.write_bytes(codec.encode(changed))
 
 
-def change_disparity(path, change):
-    path.write_bytes(PFM.encode(np.asarray(change(PFM.read(path)), np.float32)))
-
-
-def change_normals(path, change):
-    path.write_bytes(PFM3.encode(np.asarray(change(PFM3.read(path)), np.float32)))
-
-
-def change_vectors(path, change):
-    path.write_bytes(Flo().encode(np.asarray(change(Flo().read(path)), np.float32)))
+def change_json(path, change):
+    values = json.loads(path.read_text("utf-8"))
+    change(values)
+    path.write_text(json.dumps(values), "utf-8")
 
 
 def swap(scene, *stems):

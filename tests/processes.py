@@ -1,6 +1,9 @@
 """Other processes, and what the program prints, as tests see them."""
 
+import os
 import re
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +25,15 @@ def assert_refused(ended, *words):
     assert (ended.code, ended.out, "Traceback" in ended.err) == (2, "", False), ended.err
     for word in words:
         assert str(word) in ended.err
+
+
+def run_python(*arguments, cwd=None, **environment):
+    """Run Python in a process of its own, with other variables of its environment."""
+    command = [sys.executable, *map(str, arguments)]
+    done = subprocess.run(
+        command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True, check=False, timeout=PATIENCE_S
+    )
+    return Ended(done.returncode, done.stdout, done.stderr)
 
 
 def alive(process):

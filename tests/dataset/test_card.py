@@ -2,8 +2,6 @@
 
 import json
 from fnmatch import fnmatch
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +9,6 @@ from hand_made_datasets import config_of, write_dataset
 from PIL import Image
 from ruamel.yaml import YAML
 
-from semisynth_gl.config import Config
-from semisynth_gl.dataset.documents import Plan
 from semisynth_gl.dataset.index import encode_card, file_patterns
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
@@ -24,22 +20,20 @@ FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
 NAME = "tiny-train-x"
 
 
-def written(folder: Path, layout: str, config: Config | None = None) -> tuple[Plan, Any]:
+def written(folder, layout, config=None):
     """Write five training pairs and a test pair; return the plan and the index in JSON's types."""
     write_dataset(folder, layout, {"train": 5, "test": 1}, 2, config or config_of(name=NAME))
     return read_index(folder).plan, json.loads((folder / "index.json").read_text())
 
 
-def front_of(card: bytes) -> tuple[Any, str]:
+def front_of(card):
     begin, front, body = card.decode().split("---\n", 2)
     assert not begin
     return YAML(typ="safe", pure=True).load(front), body
 
 
 @pytest.mark.parametrize("layout", FOLDERS)
-def test_load_dataset_reads_every_image_and_nothing_else(
-    layout: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_load_dataset_reads_every_image_and_nothing_else(layout, tmp_path, monkeypatch):
     datasets = pytest.importorskip("datasets")
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     outputs = ["visibility", "instances", "flow"]
@@ -63,7 +57,7 @@ def test_load_dataset_reads_every_image_and_nothing_else(
 
 @pytest.mark.parametrize(("length", "views"), [(None, 1), (1, 1), (50, 1), (2, 4), (3000, 1)])
 @pytest.mark.parametrize("layout", layout_names())
-def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout: str, length: int | None, views: int) -> None:
+def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout, length, views):
     lacks = find_layout(layout).lacks | ({"flow", "flow_backward", "disparity_change"} if length == 3000 else set())
     values = {} if length is None else {"outputs": [output for output in DRAWN_OUTPUTS if output not in lacks]}
     camera = {"width_px": 48, "height_px": 32, "focal_px": 60, "baselines": [0.1, 0.2, 0.3, 0.4][:views]}
@@ -89,7 +83,7 @@ def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout: str, leng
         ("§", "other", None),
     ],
 )
-def test_the_front_matter_is_what_a_hub_wants(tmp_path: Path, licence: str, known: str, name: str | None) -> None:
+def test_the_front_matter_is_what_a_hub_wants(tmp_path, licence, known, name):
     rights = {"dataset": licence, "images": licence, "models": "unknown"}
     plan, index = written(tmp_path, "webdataset", config_of(name=NAME, licences=rights))
     front, body = front_of(encode_card(plan, index))

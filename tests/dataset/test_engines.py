@@ -10,7 +10,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from processes import PATIENCE_S, alive, wait_for
+from processes import PATIENCE_S, alive, assert_refused, run_python, wait_for
 from recorder import Recorder
 from tiny_datasets import PAIRS, SEED, command, digests, tiny
 
@@ -40,10 +40,8 @@ def wanted(config, tmp_path_factory):
 
 
 def run(config, out, engine=None, layout="middlebury", **options):
-    recorder = options.pop("listener", None) or Recorder()
-    made = generate(
-        config, out, PAIRS, SEED, layout=layout, shard_pairs=3, engine=engine, listener=recorder, **options
-    )  # fmt: skip
+    options = {"listener": Recorder(), "layout": layout, "shard_pairs": 3, "engine": engine} | options
+    made, recorder = generate(config, out, PAIRS, SEED, **options), options["listener"]
     return made, [pair.index for pair in recorder.pairs], recorder.messages
 
 
@@ -76,8 +74,8 @@ def test_killed_at_any_moment_the_same_command_gives_the_same_bytes(
     _, said = process.communicate(timeout=PATIENCE_S)
     # A worker whose parent is killed while it starts may say so.
     assert sent == signal.SIGKILL or "Traceback" not in said
-    done = subprocess.run(command(config, out, layout, *arguments), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = run_python(*command(config, out, layout, *arguments)[1:])
+    assert done.code == 0, done.err
     assert digests(out) == wanted[layout]
 
 
@@ -126,8 +124,7 @@ def in_workers(config, tmp_path, fault):
     """Run a program whose workers have a fault at pair 4; return what it prints."""
     (tmp_path / "config.json").write_text(config.model_dump_json())
     (tmp_path / "program.py").write_text(SCRIPT.format(fault=FAULT.format(fault)))
-    arguments = [sys.executable, tmp_path / "program.py", tmp_path / "config.json", tmp_path / "o"]
-    return subprocess.run(arguments, capture_output=True, text=True, check=True, timeout=PATIENCE_S).stdout
+    return run_python(*(tmp_path / name for name in ("program.py", "config.json", "o"))).out
 
 
 KILL = """
@@ -184,13 +181,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, ({largest // 2}, {largest // 2}))
 runpy.run_module("semisynth_gl", run_name="__main__", alter_sys=True)
 """
-    arguments = command(config, out, layout)
-    done = subprocess.run(
-        [sys.executable, "-c", limit, *arguments[3:]], capture_output=True, text=True, check=False, timeout=PATIENCE_S
-    )
-    assert done.returncode == 2
-    assert "File too large" in done.stderr
-    assert "Traceback" not in done.stderr
+    assert_refused(run_python("-c", limit, *command(config, out, layout)[3:]), "File too large")
     assert (out / SHARD.format(0)).exists()
     _, pairs, _ = run(config, out, layout=layout)
     assert min(pairs) >= 3

@@ -37,9 +37,8 @@ def test_a_dataset_outlives_a_node_a_stop_and_an_error(tmp_path, monkeypatch):
     config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
 
     def run(out, engine, recorder, config=config):
-        return generate(
-            config, out, PAIRS, SEED, layout="webdataset", shard_pairs=2, engine=engine, listener=recorder
-        )  # fmt: skip
+        options = {"layout": "webdataset", "shard_pairs": 2, "engine": engine, "listener": recorder}
+        return generate(config, out, PAIRS, SEED, **options)
 
     run(tmp_path / "serial", None, Recorder())
     wanted = digests(tmp_path / "serial")

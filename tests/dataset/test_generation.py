@@ -27,17 +27,19 @@ def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("layout", "settings", "said"),
     [
-        (["files.disparity=png16"], "sets the encodings itself"),
-        (["outputs=[correspondence]"], "no files for the output correspondence"),
-        (["disparity.signed=true"], "no signed ones"),
-        (["outputs=[flow]", "sequence.length=91"], r"sequence\.length"),
+        ("kitti", ["files.disparity=png16"], "sets the encodings itself.*another layout"),
+        ("kitti", ["outputs=[correspondence]"], "no files for the output correspondence.*another layout"),
+        ("kitti", ["disparity.signed=true"], "stores .*no signed ones.*another layout"),
+        ("crestereo", ["disparity.signed=true"], "stores .*another layout"),
+        ("sceneflow", ["outputs=[correspondence]"], "correspondence.*such as middlebury"),
+        ("kitti", ["outputs=[flow]", "sequence.length=91"], r"sequence\.length.*another layout"),
     ],
 )
-def test_what_a_layout_cannot_hold_is_refused(tmp_path, settings, said):
-    with pytest.raises(InputError, match=f"the layout kitti .*{said}.*another layout"):
-        generate(load_config("kitti", settings), tmp_path / "out", 1)
+def test_what_a_layout_cannot_hold_is_refused(tmp_path, layout, settings, said):
+    with pytest.raises(InputError, match=f"{layout} .*{said}"):
+        generate(load_config("kitti", settings), tmp_path / "out", 1, layout=layout)
 
 
 def test_splits_share_neither_photographs_nor_scenes(config, tmp_path):

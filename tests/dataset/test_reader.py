@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hand_made_datasets import config_of, write_dataset
 from hand_made_pairs import CAMERA, make_frame
-from planted_faults import findings
+from planted_faults import change_json, findings
 from tiny_datasets import SCENES
 
 from semisynth_gl.codecs import Encodings
@@ -58,9 +58,7 @@ def test_16_bit_disparities_beyond_256_px_are_counted(tmp_path, program):
     assert "in 1 pair more than 1% of the pixels have a disparity that png16 cannot hold" in err
     assert findings(out, 100) == []
     path = out / SCENES / "middlebury-000000" / "pair.json"
-    pair = json.loads(path.read_text())
-    pair["disparity_beyond"]["left"] += 1000_000
-    path.write_text(json.dumps(pair))
+    change_json(path, lambda pair: pair["disparity_beyond"].update(left=1_000_000))
     assert any("beyond the encoding" in finding.message for finding in findings(out))
 
 
@@ -122,8 +120,6 @@ def test_a_pair_of_another_dataset_or_camera_is_refused(tmp_path):
     with pytest.raises(ReadError, match=r"calib\.txt: expected a height and width of \(32, 48\) px.*got \(32, 50\)"):
         open_dataset(tmp_path / "set")[0]
     calib.write_text(text)
-    index = json.loads((tmp_path / "set/index.json").read_text())
-    index["config_values"]["camera"]["height_px"] = 64
-    (tmp_path / "set/index.json").write_text(json.dumps(index))
+    change_json(tmp_path / "set/index.json", lambda index: index["config_values"]["camera"].update(height_px=64))
     with pytest.raises(ReadError, match=r"im0\.png: expected a height and width of \(64, 48\) px"):
         open_dataset(tmp_path / "set")[0]

@@ -5,6 +5,7 @@ import sys
 import time
 
 import pytest
+from processes import run_python
 from tiny_datasets import PAIRS, SEED, command, digests, findings, tiny
 
 from semisynth_gl.dataset.generate import generate
@@ -66,9 +67,7 @@ def test_a_killed_run_leaves_whole_shards_and_is_taken_up(store, tmp_path):
     for name in names_below(root):
         if name.endswith(".tar"):
             assert (root / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
-    done = subprocess.run(run, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == f"{PAIRS} pairs in {store}/set\n"
+    assert run_python(*run[1:])[:2] == (0, f"{PAIRS} pairs in {store}/set\n")
     assert fetched(f"{store}/set", tmp_path / "there") == wanted
     assert findings(f"{store}/set") == []
 

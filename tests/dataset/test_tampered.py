@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hand_made_datasets import SEED, config_of, write_dataset
 from hand_made_pairs import make_frame
+from planted_faults import change_json
 from processes import assert_refused
 
 from semisynth_gl.dataset.folder import begin, read_plan
@@ -156,23 +157,21 @@ def test_a_file_cut_off_or_with_a_changed_byte_breaks_nothing(dataset, plans, na
 
 def test_a_tar_that_is_cut_or_anothers_is_refused(clean, tmp_path):
     dataset = shutil.copytree(clean / "webdataset", tmp_path / "set")
-    data, record = (dataset / TAR).read_bytes(), json.loads((dataset / RECORD).read_text())
+    data = (dataset / TAR).read_bytes()
     # In the last case as many bytes, and other members.
     for changed in (*(data[:length] for length in (0, 100, 700, len(data) // 2)), data[512:] + data[:512]):
         (dataset / TAR).write_bytes(changed)
         assert (TAR if len(changed) < len(data) else "00000000.left.png: expected a PNG") in refusal(read_all, dataset)
         assert any(TAR in message for message in found(dataset))
     (dataset / TAR).write_bytes(data)
-    del record["samples"][0]["files"]["00000000.left.png"]
-    (dataset / RECORD).write_text(json.dumps(record))
+    change_json(dataset / RECORD, lambda record: record["samples"][0]["files"].pop("00000000.left.png"))
     assert f"{RECORD}: has no entry for 00000000.left.png" in refusal(read_all, dataset)
 
 
 @pytest.mark.parametrize("command", ["verify", "evaluate", "report"])
 def test_commands_end_with_one_message(clean, tmp_path, program, command):
     dataset = shutil.copytree(clean / "webdataset", tmp_path / "set")
-    path = dataset / INDEX
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"pairs": {"train": "many"}}))
+    change_json(dataset / INDEX, lambda index: index.update(pairs={"train": "many"}))
     arguments = {
         "verify": [dataset],
         "evaluate": ["--pred", tmp_path, "--gt", dataset],

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from hand_made_datasets import write_dataset
+from photograph_like import noise, save
 from processes import assert_refused
 
 from semisynth_gl.codecs.pfm import PFM
@@ -72,10 +73,10 @@ def test_a_card_hides_as_many_columns_as_its_disparity_exceeds_the_wall(front, b
 
 
 def test_detail_of_noise_of_one_octave():
-    noise = np.random.default_rng(1).normal(0, 20, (512, 512)).astype(np.float32)
+    normal = np.random.default_rng(1).normal(0, 20, (512, 512)).astype(np.float32)
     # Means of 2 x 2 have half the deviation.
-    assert fine_detail(noise) == pytest.approx(4, rel=0.05)
-    assert fine_detail(np.kron(noise[:128, :128], np.ones((4, 4), np.float32))) == pytest.approx(0, abs=1e-4)
+    assert fine_detail(normal) == pytest.approx(4, rel=0.05)
+    assert fine_detail(np.kron(normal[:128, :128], np.ones((4, 4), np.float32))) == pytest.approx(0, abs=1e-4)
 
 
 def test_contrast_gradient_and_luminance_of_checks_and_ramps():
@@ -139,10 +140,6 @@ def write(path, data):
     return path
 
 
-def pixels(seed=0, shape=(48, 64)):
-    return np.random.default_rng(seed).integers(0, 256, (*shape, 3), np.uint8)
-
-
 def steps(shape=(48, 64)):
     return np.tile(np.where(np.arange(shape[1]) < 30, 5, 12).astype(np.float32), (shape[0], 1))
 
@@ -156,7 +153,7 @@ def steps(shape=(48, 64)):
 )
 def test_a_benchmark_has_photographs_and_maps(tmp_path, image, disparity, codec, others):
     for name in (image, *others):
-        write(tmp_path / name, RGB8.encode(pixels()))
+        write(tmp_path / name, RGB8.encode(noise(48, 64)))
     path = write(tmp_path / disparity, codec.encode(steps()))
     assert find_images([tmp_path]) == [tmp_path / image]
     assert map_files([tmp_path]) == [path]
@@ -176,8 +173,7 @@ def dataset(tmp_path_factory):
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("photographs")
-    for seed in range(FEWEST):
-        write(folder / f"{seed}.png", RGB8.encode(pixels(seed)))
+    save(folder, **{f"{seed}": noise(48, 64, seed) for seed in range(FEWEST)})
     return folder
 
 
@@ -208,7 +204,7 @@ def test_a_dataset_beside_its_own_files_is_without_difference(run, dataset, tmp_
 
 
 def test_both_views_of_a_pair_are_one_picture_of_a_place(dataset, tmp_path):
-    images = [pixels(seed) for seed in range(6)]
+    images = [noise(48, 64, seed) for seed in range(6)]
     for number, image in enumerate(images):
         write(tmp_path / f"scene{number // 2}/im{number % 2}.png", RGB8.encode(image))
     said = report(dataset, images=tmp_path, pairs=0)
@@ -240,7 +236,7 @@ def test_a_mix_of_extremes_with_the_mean_of_its_place_does_not_pass(factor, alik
 
 def test_what_is_left_out_is_said(run, dataset, tmp_path):
     broken = write(tmp_path / "broken.png", b"\x89PNG no more")
-    write(tmp_path / "photos/narrow.png", RGB8.encode(pixels(shape=(20, 30))))
+    write(tmp_path / "photos/narrow.png", RGB8.encode(noise(20, 30)))
     sparse = steps()
     sparse[:, 3:] = INF
     write(tmp_path / "lidar.pfm", PFM.encode(sparse))

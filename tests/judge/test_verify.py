@@ -8,17 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PIL import Image
-from planted_faults import (
-    all_findings,
-    at_pixel,
-    change_disparity,
-    change_image,
-    change_normals,
-    change_vectors,
-    checks,
-    findings,
-    swap,
-)
+from planted_faults import at_pixel, change_file, change_json, checks, findings, swap
 from processes import assert_refused
 from scenes import noise_layers
 from tiny_datasets import SCENES, cheap, lean, verified
@@ -84,20 +74,16 @@ def test_clean_normals_have_no_finding_in_any_layout(tmp_path, layout):
         assert 0 < pair["oracle_normals_largest_deg"] < 0.01
 
 
-def image(name, change):
-    return lambda scene: change_image(scene / name, change)
-
-
-def disparity(change, *names):
+def changed(change, *names):
     def plant(scene):
         for name in names:
-            change_disparity(scene / name, change)
+            change_file(scene / name, change)
 
     return plant
 
 
 def normals(change):
-    return lambda scene: change_normals(scene / "normals1.pfm", change)
+    return changed(change, "normals1.pfm")
 
 
 def copied(name):
@@ -127,15 +113,15 @@ AT = "in 1 pixel, the first at (40, 30)"
 FAULTS = {
     # The fault, the check that finds it, and words of the message.
     **{
-        f"{name} flipped, axis {axis}": (image(name, lambda each, axis=axis: np.flip(each, axis)), "images", "")
+        f"{name} flipped, axis {axis}": (changed(lambda each, axis=axis: np.flip(each, axis), name), "images", "")
         for name in IMAGES
         for axis in (0, 1)
     },
-    "a darker image": (image("im1.png", lambda each: each // 2), "images", ""),
-    "a black image": (image("im1.png", np.zeros_like), "images", ""),
+    "a darker image": (changed(lambda each: each // 2, "im1.png"), "images", ""),
+    "a black image": (changed(np.zeros_like, "im1.png"), "images", ""),
     "an image of another pair": (copied("im1.png"), "images", ""),
     **{
-        f"{kind} {count}": (disparity(change, *DISPARITIES[count[0] : count[1]]), check, "")
+        f"{kind} {count}": (changed(change, *DISPARITIES[count[0] : count[1]]), check, "")
         for kind, change in {
             "half a pixel more": lambda d: d + 0.5,
             "half a pixel less": lambda d: d - 0.5,
@@ -144,9 +130,9 @@ FAULTS = {
         # The two views agree where both are wrong alike: then the rays tell, or another channel.
         for count, check in {(0, 1): "left-right", (1, 2): "left-right", (0, 2): "oracle"}.items()
     },
-    "a disparity that calib.txt does not have": (disparity(lambda d: d * 1.01, *DISPARITIES), "calib", "vmax"),
+    "a disparity that calib.txt does not have": (changed(lambda d: d * 1.01, *DISPARITIES), "calib", "vmax"),
     **{
-        f"one disparity of {value} in {name}": (disparity(at_pixel(30, 40, value), name), "disparity", AT)
+        f"one disparity of {value} in {name}": (changed(at_pixel(30, 40, value), name), "disparity", AT)
         for value in (-np.inf, np.inf, 0.0, -3.0, 1e6)
         for name in DISPARITIES
     },
@@ -156,13 +142,13 @@ FAULTS = {
     "masks swapped": (lambda scene: swap(scene, MASKS), "visibility", ""),
     "left mask of another pair": (copied(MASKS[0]), "visibility", ""),
     "right mask of another pair": (copied(MASKS[1]), "visibility", ""),
-    "mask of other values": (image(MASKS[0], lambda mask: mask // 2), "visibility", "is not one of 0, 128, 255"),
-    "all visible": (image(MASKS[0], lambda mask: np.full_like(mask, 255)), "visibility", "outside the image"),
-    "nothing hidden": (image(MASKS[1], lambda mask: mask | np.uint8(127) * (mask == 128)), "visibility", ""),
-    "depth": (lambda scene: change_disparity(scene / "depth0.pfm", lambda depth: depth * 1.0001), "depth", ""),
+    "mask of other values": (changed(lambda mask: mask // 2, MASKS[0]), "visibility", "is not one of 0, 128, 255"),
+    "all visible": (changed(lambda mask: np.full_like(mask, 255), MASKS[0]), "visibility", "outside the image"),
+    "nothing hidden": (changed(lambda mask: mask | np.uint8(127) * (mask == 128), MASKS[1]), "visibility", ""),
+    "depth": (changed(lambda depth: depth * 1.0001, "depth0.pfm"), "depth", ""),
     "large ids": (large_ids, "instances", "is above the"),
     "correspondence": (
-        lambda scene: change_vectors(scene / "correspondence0.flo", at_pixel(30, 40, (-5, 0))),
+        changed(at_pixel(30, 40, (-5, 0)), "correspondence0.flo"),
         "correspondence",
         "is not that of the disparity",
     ),
@@ -212,16 +198,15 @@ def test_images_that_fit_half_a_pixel_aside_are_found(noise, off_px, disparity_p
 
 
 def test_imperfect_images_are_judged_after_their_levels_are_matched(dataset):
-    index = json.loads((dataset / "index.json").read_text())
-    index["config_values"]["imperfections"] = {"noise": [2.0, 4.0], "gamma": 1.0, "exposure_stops": [-1.0, 0.0]}
-    (dataset / "index.json").write_text(json.dumps(index))
+    imperfections = {"noise": [2.0, 4.0], "gamma": 1.0, "exposure_stops": [-1.0, 0.0]}
+    change_json(dataset / "index.json", lambda index: index["config_values"].update(imperfections=imperfections))
     right = scene_of(dataset) / "im1.png"
-    change_image(right, lambda image: (image // 2).astype(np.uint8))
+    change_file(right, lambda image: (image // 2).astype(np.uint8))
     assert "images" not in checks(dataset)
     darker = right.read_bytes()
     for change in (lambda image: np.roll(image, 1, 1), lambda image: np.roll(image, -1, 1), lambda image: image[::-1]):
         right.write_bytes(darker)
-        change_image(right, change)
+        change_file(right, change)
         assert "images" in checks(dataset)
 
 
@@ -255,8 +240,8 @@ def test_files_and_lists_that_mislead_are_found(dataset):
 
 def test_images_of_another_kind_or_size_are_found(dataset):
     Image.open(scene_of(dataset, 0) / "im0.png").convert("P").save(scene_of(dataset, 0) / "im0.png")
-    change_image(scene_of(dataset, 1) / "im1.png", lambda image: image[:, :-1])
-    change_image(scene_of(dataset, 2) / "mask0nocc.png", lambda mask: np.stack([mask] * 3, axis=2))
+    change_file(scene_of(dataset, 1) / "im1.png", lambda image: image[:, :-1])
+    change_file(scene_of(dataset, 2) / "mask0nocc.png", lambda mask: np.stack([mask] * 3, axis=2))
     found = [(finding.scene[-1], finding.check) for finding in findings(dataset)]
     assert found == [("0", "files"), ("1", "size"), ("2", "files")]
 
@@ -280,8 +265,7 @@ def test_an_index_of_another_config_or_seed_is_found(dataset, datasets):
     ("key", "value"), [("seed", -1), ("splits", {"train": {"patches": []}}), ("config_values", {"name": "x"})]
 )
 def test_the_oracle_refuses_what_it_cannot_make_again(dataset, key, value):
-    index = json.loads((dataset / "index.json").read_text()) | {key: value}
-    (dataset / "index.json").write_text(json.dumps(index))
+    change_json(dataset / "index.json", lambda index: index.update({key: value}))
     with pytest.raises(SemisynthError, match=rf"cannot be rebuilt|index\.json: {key}"):
         findings(dataset, 50)
 
@@ -290,19 +274,17 @@ def test_digests_and_records_are_compared(dataset):
     path = scene_of(dataset, 0) / "pair.json"
     path.write_text(path.read_text().replace("{", "{ ", 1))
     records = sorted((dataset / "shards").glob("semisynth-*.json"))
-    record = json.loads(records[0].read_text())
-    records[0].write_text(json.dumps(record | {"bytes": 1}))
+    change_json(records[0], lambda record: record.update(bytes=1))
     records[1].unlink()
-    record = json.loads(records[2].read_text())
-    record["samples"][0]["files"].pop(f"{SCENES}/middlebury-000002/calib.txt")
-    records[2].write_text(json.dumps(record))
+    calib = f"{SCENES}/middlebury-000002/calib.txt"
+    change_json(records[2], lambda record: record["samples"][0]["files"].pop(calib))
     expected = [
         ("0", "shard", f"{records[0].stem}: bytes is 1 in its record"),
         ("0", "sha256", f"{SCENES}/middlebury-000000/pair.json has"),
         ("1", "shard", f"shards/{records[1].name} is missing"),
-        ("2", "files", f"{SCENES}/middlebury-000002/calib.txt is in the shard's record, or"),
+        ("2", "files", f"{calib} is in the shard's record, or"),
     ]
-    found = all_findings(dataset)
+    found = verified(dataset).findings
     assert [(finding.scene[-1], finding.check) for finding in found] == [each[:2] for each in expected]
     assert all(finding.message.startswith(words) for finding, (*_, words) in zip(found, expected, strict=True))
 

@@ -1,11 +1,10 @@
 """Clean sequences have no finding, and each fault planted in flow or its change of disparity has one of its check."""
 
-import json
 import shutil
 
 import numpy as np
 import pytest
-from planted_faults import all_findings, at_pixel, change_disparity, change_image, checks, findings, swap
+from planted_faults import at_pixel, change_file, change_json, checks, findings, swap
 from tiny_datasets import SCENES, tiny, verified
 
 from semisynth_gl.codecs import FLOW_CODECS
@@ -63,12 +62,6 @@ def flow_path(root, name, number=0):
     return scene(root, number) / f"{name}{SUFFIXES[root.name]}"
 
 
-def change_json(path, change):
-    values = json.loads(path.read_text())
-    change(values)
-    path.write_text(json.dumps(values))
-
-
 @pytest.mark.parametrize("encoding", SUFFIXES)
 def test_a_clean_sequence_has_no_finding(datasets, encoding):
     found = verified(datasets / encoding, 200)
@@ -92,13 +85,13 @@ def test_a_clean_sequence_has_no_finding(datasets, encoding):
 
 @pytest.mark.parametrize("layout", ["kitti", "webdataset"])
 def test_a_clean_sequence_of_another_layout_has_no_finding(tmp_path, layout):
-    assert [str(finding) for finding in all_findings(make(tmp_path / "set", pairs=2, layout=layout))] == []
+    assert verified(make(tmp_path / "set", pairs=2, layout=layout)).findings == []
 
 
 @pytest.mark.parametrize("outputs", [("flow",), ("flow_backward", "disparity_change")])
 def test_a_part_of_the_outputs_is_judged_alone(tmp_path, outputs):
     dataset = make(tmp_path / "set", pairs=2, outputs=outputs, truth="left")
-    assert [str(finding) for finding in all_findings(dataset, 20)] == []
+    assert verified(dataset, 20).findings == []
 
 
 CHANGES = {
@@ -114,23 +107,17 @@ CHANGES = {
 def flow(change, *names, number=0):
     def plant(root):
         for name in names:
-            path, codec = flow_path(root, name, number), FLOW_CODECS[root.name]
-            changed = change(codec.decode(path.read_bytes(), path).copy())
-            path.write_bytes(codec.encode(np.ascontiguousarray(changed, np.float32)))
+            change_file(flow_path(root, name, number), change, FLOW_CODECS[root.name])
 
     return plant
 
 
-def change_of(change, *views, number=0):
+def changed(change, *names, number=1):
     def plant(root):
-        for view in views:
-            change_disparity(scene(root, number) / f"disparity_change{view}.pfm", change)
+        for name in names:
+            change_file(scene(root, number) / name, change)
 
     return plant
-
-
-def mask_of(change, name):
-    return lambda root: change_image(scene(root, 1) / f"{name}.png", change)
 
 
 def copied(source, target, *names):
@@ -147,18 +134,7 @@ def backward_for_forward(root):
         shutil.copy(scene(root, 1) / f"flow_backward_mask{view}.png", scene(root, 1) / f"flow_mask{view}.png")
 
 
-def other_mask(root):
-    shutil.copy(scene(root, 1) / "flow_backward_mask0.png", scene(root, 1) / "flow_mask0.png")
-
-
-def no_disparity(root):
-    change_disparity(scene(root) / "disp0GT.pfm", at_pixel(40, 50, np.float32(np.inf)))
-
-
-def more_beyond(root):
-    change_json(scene(root) / "pair.json", lambda values: values["flow_beyond"].update(left=1_000_000))
-
-
+CHANGE0, CHANGE1 = "disparity_change0.pfm", "disparity_change1.pfm"
 FLOW_FILES = ("flow0.flo", "flow1.flo", "flow_mask0.png", "flow_mask1.png")
 AT = "in 1 pixel, the first at (50, 40)"
 FAULTS = {
@@ -187,37 +163,41 @@ FAULTS = {
     "backward for forward": (backward_for_forward, "flow-images", ""),
     "the next frame's images": (copied(1, 0, "im0.png", "im1.png"), "flow-images", "flow_left of sceneflow-000000"),
     "negated change": (
-        change_of(lambda change: np.where(np.isfinite(change), -change, change), 0, 1),
+        changed(lambda change: np.where(np.isfinite(change), -change, change), CHANGE0, CHANGE1),
         "disparity_change",
-        "disparity_change_left by flow_left of sceneflow-000000",
+        "disparity_change_left by flow_left of sceneflow-000001",
     ),
     "change of one view": (
-        change_of(lambda change: change + np.float32(0.02), 1),
+        changed(lambda change: change + np.float32(0.02), CHANGE1),
         "disparity_change",
-        "disparity_change_right by flow_right of sceneflow-000000",
+        "disparity_change_right by flow_right of sceneflow-000001",
     ),
-    "mask of the other direction": (other_mask, "flow_visibility", ""),
+    "mask of the other direction": (
+        lambda root: shutil.copy(scene(root, 1) / "flow_backward_mask0.png", scene(root, 1) / "flow_mask0.png"),
+        "flow_visibility",
+        "",
+    ),
     "all visible": (
-        mask_of(lambda mask: np.full_like(mask, VISIBLE), "flow_mask0"),
+        changed(lambda mask: np.full_like(mask, VISIBLE), "flow_mask0.png"),
         "flow_visibility",
         "is not 0 for a point outside the image",
     ),
     "all occluded": (
-        mask_of(lambda mask: np.full_like(mask, OCCLUDED), "flow_mask1"),
+        changed(lambda mask: np.full_like(mask, OCCLUDED), "flow_mask1.png"),
         "flow_visibility",
         "pixels that are visible have another value",
     ),
     "nothing occluded": (
-        mask_of(lambda mask: np.where(mask == OCCLUDED, VISIBLE, mask).astype(np.uint8), "flow_backward_mask0"),
+        changed(lambda mask: np.where(mask == OCCLUDED, VISIBLE, mask).astype(np.uint8), "flow_backward_mask0.png"),
         "flow_backward_visibility",
         "pixels that are occluded have another value",
     ),
     "all outside": (
-        mask_of(lambda mask: np.full_like(mask, OUTSIDE), "flow_backward_mask1"),
+        changed(lambda mask: np.full_like(mask, OUTSIDE), "flow_backward_mask1.png"),
         "flow_backward_visibility",
         "is 0 for a point in the image",
     ),
-    "mask of other values": (mask_of(lambda mask: mask // 2, "flow_mask0"), "flow_visibility", "is not one of"),
+    "mask of other values": (changed(lambda mask: mask // 2, "flow_mask0.png"), "flow_visibility", "is not one of"),
     "pfm NaN": (flow(at_pixel(40, 50, (np.nan, 1)), "flow0"), "files", "got NaN"),
     "pfm -inf": (flow(at_pixel(40, 50, (-np.inf, -np.inf)), "flow1"), "flow", f"flow_right is NaN or -inf {AT}"),
     "pfm inf in one component": (
@@ -231,9 +211,13 @@ FAULTS = {
         "disparity_change",
         f"is finite without flow {AT}",
     ),
-    "change without disparity": (no_disparity, "disparity_change", f"is finite without a disparity {AT}"),
+    "change without disparity": (
+        changed(at_pixel(40, 50, np.inf), "disp0GT.pfm"),
+        "disparity_change",
+        f"is finite without a disparity {AT}",
+    ),
     **{
-        f"a change of {value}": (change_of(at_pixel(40, 50, np.float32(value)), 1), "disparity_change", f"{words} {AT}")
+        f"a change of {value}": (changed(at_pixel(40, 50, value), CHANGE1), "disparity_change", f"{words} {AT}")
         for value, words in (
             (np.nan, "is NaN or -inf"),
             (np.inf, "is inf"),
@@ -241,7 +225,11 @@ FAULTS = {
             (1e3, "leads to an impossible disparity"),
         )
     },
-    "png16 flow beyond the encoding": (more_beyond, "flow", "the provenance counts 1000000 beyond"),
+    "png16 flow beyond the encoding": (
+        lambda root: change_json(scene(root) / "pair.json", lambda values: values["flow_beyond"].update(left=10**6)),
+        "flow",
+        "the provenance counts 1000000 beyond",
+    ),
 }
 
 
@@ -260,7 +248,7 @@ def test_flow_wrong_everywhere_alike_is_found_by_rays(copy, name):
     for number in range(3):
         flow(change, "flow0", "flow1", number=number)(root)
         flow(lambda flow: -change(-flow), "flow_backward0", "flow_backward1", number=number)(root)
-        change_of(lambda values: values * np.float32(1.2), 0, 1, number=number)(root)
+        changed(lambda values: values * np.float32(1.2), CHANGE0, CHANGE1, number=number)(root)
     wrong = {finding.message.split(": ")[0] for finding in findings(root, 20) if finding.check == "oracle"}
     assert wrong == {f"{kind}_{view}" for kind in FLOWS for view in ("left", "right")}
 

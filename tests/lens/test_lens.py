@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from planted_faults import all_findings, change_disparity, change_image, checks
-from tiny_datasets import EYE, LENS, cheap, with_lens
+from planted_faults import change_file, checks
+from tiny_datasets import EYE, LENS, cheap, verified, with_lens
 
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
@@ -204,7 +204,7 @@ def test_a_scaled_config_has_the_scaled_lens(tmp_path):
 
 def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path):
     generate(without_borders(outputs=FLOWS, **MOVING), tmp_path / "d", 2, layout="middlebury")
-    assert not all_findings(tmp_path / "d", rays=200)
+    assert not verified(tmp_path / "d", 200).findings
     (scene,) = (path.parent for path in (tmp_path / "d").rglob("flow_mask0.png") if path.parent.name.endswith("0"))
     plain = render_pair(cheap(outputs=[name for name in FLOWS if name != "valid"], **MOVING), 0).left
     valid, seen = (np.asarray(Image.open(scene / name)) == VISIBLE for name in ("valid0.png", "flow_mask0.png"))
@@ -219,8 +219,7 @@ def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path):
         ("disparity_change0.pfm", first(valid & ~lost & seen & known), np.inf),
     ):
         right = (scene / name).read_bytes()
-        plant = change_disparity if name.endswith("pfm") else change_image
-        plant(scene / name, lambda found, where=where, wrong=wrong: np.where(where, wrong, found).astype(found.dtype))
+        change_file(scene / name, lambda found, at=where, by=wrong: np.where(at, by, found).astype(found.dtype))
         assert checks(tmp_path / "d") == {name.partition("0")[0].replace("mask", "visibility")}, name
         (scene / name).write_bytes(right)
 
@@ -263,12 +262,12 @@ def test_borders_may_have_no_disparity(tmp_path, changes):
                         expected[border] = 0 if name == "visibility" else np.inf
                     np.testing.assert_array_equal(array, expected, err_msg=name)
     generate(out, tmp_path / "d", 2, layout="middlebury")
-    assert not all_findings(tmp_path / "d", rays=200)
+    assert not verified(tmp_path / "d", 200).findings
     path = next((tmp_path / "d").rglob("disp0GT.pfm"))
     disparity = PFM.read(path).copy()
     disparity[np.isinf(disparity)] = 5
     path.write_bytes(PFM.encode(disparity))
-    assert "disparity_left is known in a border" in str(all_findings(tmp_path / "d"))
+    assert "disparity_left is known in a border" in str(verified(tmp_path / "d").findings)
 
 
 def test_verify_finds_a_wrong_border(tmp_path):
@@ -276,7 +275,7 @@ def test_verify_finds_a_wrong_border(tmp_path):
     path = next(tmp_path.rglob("valid0.png"))
     right, disparity = np.asarray(Image.open(path)), path.with_name("disp0GT.pfm")
     # Disparity must reach into the borders unless the config says otherwise.
-    change_disparity(disparity, lambda known: np.where(right == 0, np.inf, known))
+    change_file(disparity, lambda known: np.where(right == 0, np.inf, known))
     assert {"disparity", "depth"} <= checks(tmp_path / "d")
     for wrong in (255 - right, *(np.full_like(right, level) for level in (0, 128, 255))):
         path.write_bytes(GREY8.encode(wrong))

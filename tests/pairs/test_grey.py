@@ -9,7 +9,7 @@ import pytest
 from hand_made_pairs import CAMERA, decode, encode, make_frame
 from heavy import heavy
 from PIL import Image
-from planted_faults import change_image, checks
+from planted_faults import change_file, checks
 from tiny_datasets import cheap, findings
 
 from semisynth_gl.codecs import Encodings
@@ -104,7 +104,7 @@ def test_rigs_and_cameras_report_and_verify_go_with_grey(tmp_path):
     [shown, *_] = sheet.axes[0].get_images()
     np.testing.assert_array_equal(shown.get_array(), as_rgb(stored.left.image))
     assert findings(tmp_path, rays=100) == []
-    change_image(next(tmp_path.glob("MiddEval3/trainingF/*/im1.png")), lambda image: np.roll(image, 2, axis=1))
+    change_file(next(tmp_path.glob("MiddEval3/trainingF/*/im1.png")), lambda image: np.roll(image, 2, axis=1))
     assert "images" in checks(tmp_path)
 
 
