@@ -12,7 +12,6 @@ import pytest
 from backends import backend_fault
 from hypothesis import HealthCheck, seed, settings
 from processes import Ended, without_announcements
-from scenes import SQUARE
 
 from semisynth_gl.cli import main
 from semisynth_gl.geometry.mesh import Mesh
@@ -126,12 +125,6 @@ def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
             with renderer._gl as context:  # noqa: SLF001 - nobody else has the context
                 assert context.error == "GL_NO_ERROR"
         renderer.release()
-
-
-@pytest.fixture(scope="session")
-def square() -> Mesh:
-    """The unit square in x and y, with z = 0 and u, v along x, y."""
-    return SQUARE
 
 
 @pytest.fixture

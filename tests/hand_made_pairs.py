@@ -94,8 +94,9 @@ def make_provenance(index):
     return provenance
 
 
-def encode(layout, index, split="train", frame=None, encodings=None, length=None):
-    return encoded(layout, index, split, frame, encodings, length).files
+def encode(*arguments, **options):
+    """The files of a pair, by their paths."""
+    return encoded(*arguments, **options).files
 
 
 def encoded(layout, index, split="train", frame=None, encodings=None, length=None):

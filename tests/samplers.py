@@ -13,12 +13,15 @@ from semisynth_gl.seeds.seeds import generator
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
-PATCH = (Patch("photo", 0, 0, 256, 0, 1, 9.0),)
+
+def patches(count: int = 5, frames: int = 1) -> tuple[Patch, ...]:
+    """Patches of photographs of their own, or of image sequences."""
+    return tuple(Patch(f"{i}.png", 0, 0, 256, i * frames, frames, 9.0) for i in range(count))
 
 
-def sampler_of(config: Config, seed: int = 0, patches: tuple[Patch, ...] = PATCH) -> SceneSampler:
+def sampler_of(config: Config, seed: int = 0, worn: tuple[Patch, ...] = patches(1)) -> SceneSampler:
     """Make the sampler of a config without recipes."""
-    return SceneSampler(config, seed, build_library(config.models, config.particles, Split(seed)), patches)
+    return SceneSampler(config, seed, build_library(config.models, config.particles, Split(seed)), worn)
 
 
 @cache

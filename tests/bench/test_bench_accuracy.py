@@ -5,28 +5,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from tiny_datasets import CLUTTER_ALONE, cheap
 
 from semisynth_gl import PairRenderer
 from semisynth_gl.bench.accuracy import measure
 from semisynth_gl.bench.scenes import cast_truth, sample_scenes
-from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
 
 SMALL = (*CLUTTER_ALONE, "scale=0.15", "textures.source=procedural", "textures.max_patches=8", "models.variants=1")
 
 
-def test_the_command_finds_the_disparity_exact_to_float32(tmp_path):
+def test_the_command_finds_the_disparity_exact_to_float32(program, tmp_path):
     settings = [word for setting in SMALL for word in ("--set", setting)]
-    arguments = ["bench", "accuracy", "--pairs", "1", "--rays", "2000", *settings, "--json", str(tmp_path / "a.json")]
-    done = CliRunner().invoke(semisynth_gl, arguments, standalone_mode=False, catch_exceptions=False)
+    code, out, err = program("bench", "accuracy", "--pairs", 1, "--rays", 2000, *settings, "--json", "a.json")
+    assert code == 0, err
     report = json.loads((tmp_path / "a.json").read_text())
     error = report["disparity"]
     assert error["missing"] == 0
     assert 0 < error["median_px"] < error["p999_px"] <= error["worst_px"] < 1e-4
-    assert f"worst {error['worst_px']:.1e} px" in done.stdout
+    assert f"worst {error['worst_px']:.1e} px" in out
     assert report["pixels_compared"] > 1000
     assert report["pixels_compared"] + report["pixels_left_out"] == 4000
 

@@ -3,23 +3,22 @@
 import json
 
 import pytest
-from click.testing import CliRunner
 from recorder import Recorder
 from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl.bench.speed import STAGES, usual_workers
-from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import load_config
 from semisynth_gl.pairs.pipeline import PAIR_STAGES, PairRenderer
 
 SMALL = (*CLUTTER_ALONE, "scale=0.1", "textures.source=procedural", "textures.max_patches=8", "models.variants=1")
+FEW = (*SMALL, "models.complex=0", "particles.layers=[{count: 20}]", "sequence.length=3", "outputs=[flow]")
 
 
-def test_the_command_times_stages_and_workers(tmp_path):
-    settings = [word for setting in (*SMALL, "sequence.length=3", "outputs=[flow]") for word in ("--set", setting)]
-    arguments = ["bench", "speed", "--config", "eth3d", "--pairs", "2", "--workers", "2", "--workers", "1", *settings]
-    arguments += ["--json", str(tmp_path / "a.json")]
-    done = CliRunner().invoke(semisynth_gl, arguments, standalone_mode=False, catch_exceptions=False)
+def test_the_command_times_stages_and_workers(program, tmp_path):
+    settings = [word for setting in FEW for word in ("--set", setting)]
+    command = ("bench", "speed", "--config", "eth3d", "--pairs", 2, "--workers", 2, "--workers", 1, *settings)
+    code, out, err = program(*command, "--json", "a.json")
+    assert code == 0, err
     report = json.loads((tmp_path / "a.json").read_text())
     assert [row["name"] for row in report["stages"]] == list(STAGES)
     assert all(row["seconds"] > 0 for row in report["stages"])
@@ -28,7 +27,7 @@ def test_the_command_times_stages_and_workers(tmp_path):
     assert all(row["pairs_per_second"] > 0 for row in report["workers"])
     assert {"renderer", "opengl", "backend", "processor", "versions", "usable_cores"} <= set(report["machine"])
     for row in report["stages"]:
-        assert f"| {row['name']} " in done.stdout
+        assert f"| {row['name']} " in out
 
 
 @pytest.mark.parametrize(("cores", "expected"), [(1, (1,)), (6, (1, 2, 4, 6)), (8, (1, 2, 4, 8))])

@@ -76,7 +76,7 @@ def test_maps_of_several_sizes_count_at_the_rigs_width(tmp_path):
         assert found.mean_px == pytest.approx(0.06 * 40, abs=0.05)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(low=st.floats(0.05, 500), span=st.floats(0.05, 900))
 def test_bins_are_of_one_round_width_and_hold_the_range(low, span):
     for found in (chosen_range(low, low + span), measured_range(Histogram.from_counts([low, low + span], [1.0]))):
@@ -91,7 +91,7 @@ def test_bins_are_of_one_round_width_and_hold_the_range(low, span):
         assert np.diff(found.target.cumulative([found.min_px, found.max_px]))[0] > 0.985
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     doffs_px=st.floats(-300, 300),
     beyond_px=st.floats(0.01, 200),

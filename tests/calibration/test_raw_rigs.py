@@ -8,7 +8,7 @@ from calibration_files import D1, D2, IMAGE, K1, K2, RAW, SIZE, R, T, projection
 from config_texts import parse_config
 from hypothesis import given
 from hypothesis import strategies as st
-from PIL import Image
+from photograph_like import noise, save
 
 from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.rig import Rig
@@ -41,10 +41,7 @@ def test_a_reduced_rig_sees_the_same_directions():
 @pytest.fixture
 def place(tmp_path):
     """Raw photographs of noise, and a calibration whose rectified images keep all of them."""
-    (tmp_path / "photos").mkdir()
-    for number in range(2):
-        noise = np.random.default_rng(number).integers(0, 256, (*SIZE[::-1], 3), dtype=np.uint8)
-        Image.fromarray(noise).save(tmp_path / "photos" / f"{number}.png", compress_level=1)
+    save(tmp_path / "photos", one=noise(*SIZE[::-1]), other=noise(*SIZE[::-1], 1))
     stored(tmp_path / "stereo.yml", RAW | projections(alpha=1))
     return tmp_path
 

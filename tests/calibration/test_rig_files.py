@@ -393,7 +393,7 @@ JOINS = {
 }
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     labels=st.sampled_from(LABELS.split("|")).map(str.split),
     names=st.fixed_dictionaries({key: st.sampled_from(names.split("|")) for key, names in NAMES.items()}),
@@ -467,7 +467,7 @@ RECTIFIED = {
 numbers = st.floats(1, 5000, allow_nan=False)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     size=st.tuples(st.integers(1, 9999), st.integers(1, 9999)),
     focal_px=st.floats(10, 9000),
@@ -718,6 +718,8 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
         (m("342.279; 0 994.978 254.877", "342.279; 0 994.978 254.977"), "not rectified"),
         (m("baseline=193.001", "baseline=wide"), "baseline: expected a number, got 'wide'"),
         (m("width=741", "width=-3"), "-3 x 500"),
+        (m("width=741", f"width={'9' * 5000}"), "rig.txt: "),
+        (m("baseline=193.001", "baseline=1e300"), "baseline_m: "),
         (KITTI.replace("2.199936e+00", "2.2e+01"), "not rectified"),
         (KITTI.replace("S_rect_03: 1.242", "S_rect_03: 1.250"), "one size of both cameras"),
         (message("2") + message("1"), "swap"),
@@ -745,7 +747,7 @@ def test_what_is_no_calibration_is_refused_with_what_is_wrong(tmp_path, text, wo
     assert str(tmp_path / "rig.txt") in str(error.value)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.one_of(st.binary(max_size=300), st.text(max_size=300).map(lambda text: f"cam0=[{text}".encode())))
 @pytest.mark.parametrize("extension", ["yaml", "txt", "json", "xml", "npz", "cameramodel"])
 def test_any_bytes_are_read_or_refused(tmp_path_factory, data, extension):
@@ -831,9 +833,10 @@ def test_a_rectified_rig_does_without_a_lens_that_cannot_be_used(tmp_path, files
 
 # What damages a number or a name: other values, other names, and nothing.
 DAMAGES = (b"nan", b".inf", b"-1", b"0", b"1e400", b'"x"', b"null", b"[]", b"true", b"-12", b"[[1],[2,3]]", b"~", b"")
+DAMAGES += (b"1e300", b"9" * 400)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_damaged_calibrations_are_read_or_refused(tmp_path_factory, data):
     files = data.draw(st.sampled_from([*WITH_FIVE.values(), *WITH_FOUR.values()]))

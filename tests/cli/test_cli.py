@@ -1,7 +1,7 @@
 """The command line as a script sees it: output, files, messages, exit codes."""
 
 import json
-import os
+import signal
 import subprocess
 import sys
 
@@ -9,13 +9,16 @@ import click
 import cv2
 import numpy as np
 import pytest
+from photograph_like import noise, save
 from PIL import Image
-from processes import Ended, assert_refused
+from processes import assert_refused, run_python
 from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl import cli
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config, packaged_configs
+from semisynth_gl.dataset.interrupts import interrupts_stop
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.devices import Device
 
 SETTINGS = (*CLUTTER_ALONE, "camera.width_px=160", "camera.height_px=96", "models.variants=1", "models.complex=0")
@@ -23,33 +26,16 @@ SMALL = tuple(word for setting in SETTINGS for word in ("--set", setting))
 ETH3D = ("generate", "--config", "eth3d", *SMALL, "--images")
 
 
-def run(*arguments, cwd=None, **environment):
-    """Run the program as a script does."""
-    done = subprocess.run(
-        [sys.executable, "-m", "semisynth_gl", *map(str, arguments)],
-        cwd=cwd,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-    return Ended(done.returncode, done.stdout, done.stderr)
-
-
 @pytest.fixture
 def photographs(tmp_path):
-    folder = tmp_path / "photographs"
-    folder.mkdir()
-    noise = np.random.default_rng(0).integers(0, 256, (300, 400, 3), dtype=np.uint8)
-    Image.fromarray(noise).save(folder / "noise.png")
-    return folder
+    (path,) = save(tmp_path / "photographs", noise=noise(300, 400))
+    return path.parent
 
 
 def test_generate_writes_a_dataset_that_opencv_reads(program, tmp_path, photographs):
     command = ("generate", "--config", "middlebury.yaml", "--images", photographs, "--out", "data/lab", *SMALL)
     command += ("--outputs", "visibility,depth")
-    done = run(*command, "--pairs", 2, cwd=tmp_path)
+    done = run_python("-m", "semisynth_gl", *command, "--pairs", 2, cwd=tmp_path)
     assert done.code == 0, done.err
     assert done.out == "2 pairs in data/lab\n"
     assert "2 of 2 pairs" in done.err
@@ -77,10 +63,10 @@ def test_preview_draws_a_sheet(program, tmp_path, photographs):
 
 
 def test_doctor_renders_its_test_pair_or_says_what_to_install():
-    done = run("doctor", MESA_GL_VERSION_OVERRIDE="3.1")
+    done = run_python("-m", "semisynth_gl", "doctor", MESA_GL_VERSION_OVERRIDE="3.1")
     assert done.code == 1
     assert "apt-get install" in done.out
-    done = run("doctor")
+    done = run_python("-m", "semisynth_gl", "doctor")
     assert done.code == 0, done.out
     assert "Ready:" in done.out
 
@@ -182,3 +168,17 @@ def test_configs_are_listed_and_printed_in_full(program, tmp_path):
 
 def test_verify_takes_a_number_of_pairs_or_all(program):
     assert_refused(program("verify", "pairs", "--rays", 2, "--oracle"), "--rays or --oracle")
+
+
+def test_an_interrupt_ends_a_command_with_a_line(monkeypatch, program):
+    monkeypatch.setattr("semisynth_gl.cli.configs.summaries", lambda: signal.raise_signal(signal.SIGINT))
+    assert_refused(program("configs"), "Stopped.")
+
+
+def test_the_second_interrupt_of_a_long_run_ends_it():
+    listener = Listener()
+    with interrupts_stop(listener):
+        signal.raise_signal(signal.SIGINT)
+        assert listener.stopping
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)

@@ -5,7 +5,7 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from PIL import Image
+from photograph_like import noise, save
 from processes import assert_refused
 from tiny_datasets import cheap
 
@@ -29,10 +29,7 @@ COMMANDS = {
 def home(tmp_path_factory):
     """A folder with photographs, a dataset, predictions and their truth."""
     folder = tmp_path_factory.mktemp("home")
-    noise = np.random.default_rng(0).integers(0, 256, (2, 300, 300, 3), dtype=np.uint8)
-    (folder / "photos").mkdir()
-    for number, pixels in enumerate(noise):
-        Image.fromarray(pixels).save(folder / f"photos/{number}.png")
+    save(folder / "photos", one=noise(300, 300), other=noise(300, 300, 1))
     generate(cheap(textures={"source": "procedural", "max_patches": 16}), folder / "set", 2, 0, layout="middlebury")
     for path in ("pred/a.pfm", "gt/a/disp0GT.pfm"):
         (folder / path).parent.mkdir(parents=True)

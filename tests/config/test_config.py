@@ -1,5 +1,4 @@
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,13 +16,13 @@ CAMERA = "camera: {width_px: 64, height_px: 48, focal_px: 50, baseline_m: 0.1}\n
 DISPARITY = "disparity: {min_px: 1, max_px: 20}\n"
 
 
-def written(folder: Path, text: str, name: str = "mine.yaml") -> Path:
+def written(folder, text, name="mine.yaml"):
     path = folder / name
     path.write_text(text)
     return path
 
 
-def complaint(folder: Path, text: str, overrides=()) -> str:
+def complaint(folder, text, overrides=()):
     with pytest.raises(InputError) as caught:
         load_config(written(folder, text), overrides)
     return str(caught.value)
@@ -88,10 +87,7 @@ MINIMAL = "name: m\n" + CAMERA + DISPARITY
         (MINIMAL + "splits: {validation: 0.6, test: 0.5}\n", "splits.test: validation and test add up to 1.1"),
         (MINIMAL + "textures: {sequence: 1}\n", "textures.sequence: input should be a valid boolean, got 1"),
         ("name: m\n" + CAMERA.replace("50", ".nan") + DISPARITY, ":2: camera.focal_px: expected a number or"),
-        (
-            "name: m\n" + CAMERA.replace("focal_px: 50", "focal_mm: 5") + DISPARITY,
-            "give either focal_px, or focal_mm",
-        ),
+        ("name: m\n" + CAMERA.replace("focal_px: 50", "focal_mm: 5") + DISPARITY, "give either focal_px, or focal_mm"),
         ("- a list\n", "mine.yaml:1: expected sections"),
         ("camera: 3\n", "mine.yaml:1: camera: input should be a valid dictionary"),
         ("extends: mine.yaml\n", "extend each other in a circle"),

@@ -1,35 +1,19 @@
 """Another size of images than a config was written for: the scenes stay what they are, or the view is cut."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from samplers import patches
 
 from semisynth_gl.config import Range, load_config, packaged_configs
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.atlas import Patch
 
-ALL_IN_PIXELS = """extends: kitti
-camera: {width_px: 640, height_px: 480, focal_px: [500, 600], doffs_px: 3, cx_left_px: 300, cy_px: [200, 210]}
-background: {wall_disparity_px: [4, 8]}
-structures: {ground: 1, ground_disparity_px: 40, panels: 2, panel_disparity_px: [5, 9]}
-particles:
-  layers: [{disparity_px: [5, 50], count: 3, size_px: [20, 60]}]
-  clutter: [{disparity_px: 6, count: 9}]
-imperfections: {blur_px: [0, 1]}
-projector: {power: 1, size_px: 4, pattern_width_px: 640}
-disparity:
-  max_px: 100
-  target:
-    form: gamma
-    mean_px: 20
-    spread_px: 6
-rig: {right_y_px: [-2, 4], right_roll_deg: [0, 1]}
-scenes:
-- {recipe: a, particles: {size_px: [30, 40]}, textures: {texels_per_pixel: 2}, camera: {cx_left_px: 320}}
-- {recipe: b, disparity: {target: {form: histogram, bin_px: 4, first_px: 8, shares: [1, 2]}}}
-"""
+# A config with every key that is in pixels of an image.
+ALL_IN_PIXELS = Path(__file__).resolve().parents[1] / "data" / "all-in-pixels.yaml"
 
 
 def leaves(values, key=()):
@@ -41,13 +25,11 @@ def leaves(values, key=()):
             yield (*key, name), value
 
 
-@pytest.mark.parametrize("name", [*packaged_configs(), "all"])
+@pytest.mark.parametrize("name", [*packaged_configs(), ALL_IN_PIXELS])
 @pytest.mark.parametrize("factor", [3, 0.5])
-def test_all_that_is_in_pixels_of_an_image_is_scaled(tmp_path, name, factor):
-    (tmp_path / "all.yaml").write_text(ALL_IN_PIXELS)
-    source = tmp_path / "all.yaml" if name == "all" else name
+def test_all_that_is_in_pixels_of_an_image_is_scaled(name, factor):
     before, after = (
-        dict(leaves(load_config(source, scale).model_dump(mode="json"))) for scale in ((), {"scale": factor})
+        dict(leaves(load_config(name, scale).model_dump(mode="json"))) for scale in ((), {"scale": factor})
     )
     assert before.keys() == after.keys()
     scaled = 0
@@ -64,7 +46,7 @@ def test_all_that_is_in_pixels_of_an_image_is_scaled(tmp_path, name, factor):
         if named in ("width_px", "height_px"):
             expected = round(expected)
         assert after[key] == (pytest.approx(expected) if isinstance(expected, float) else expected), key
-    assert scaled > (25 if name == "all" else 8)
+    assert scaled > (25 if name == ALL_IN_PIXELS else 8)
 
 
 @pytest.mark.parametrize(
@@ -79,10 +61,9 @@ def test_scenes_stay_what_they_are_at_another_resolution(tmp_path, name, factor,
     particles = "particles.layers=[{disparity_px: [10, 80], count: 30}]"
     base = load_config(name, [*keys, particles, "disparity.target={form: uniform}", "models={variants: 1, complex: 0}"])
     (tmp_path / "base.yaml").write_text(str(base.model_dump(mode="json", exclude_none=True)))
-    patches = tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(5))
     configs = [load_config(tmp_path / "base.yaml", scale) for scale in ([], [f"scale={factor}"])]
     assert configs[1].camera.width_px == factor * base.camera.width_px
-    samplers = [MixSampler(config, 3, recipe_libraries(config, Split(3)), patches) for config in configs]
+    samplers = [MixSampler(config, 3, recipe_libraries(config, Split(3)), patches()) for config in configs]
     for index in range(2):
         one, other = (sampler.sample(index).scene for sampler in samplers)
         np.testing.assert_allclose(one.world_from_model, other.world_from_model, rtol=1e-6, atol=1e-9)

@@ -98,7 +98,7 @@ LENGTHS = st.one_of(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(LENGTHS, min_size=1, max_size=12))
 def test_a_disparity_is_rounded_or_counted_and_never_wrapped(lengths):
     disparity = np.array([lengths], np.float32)
@@ -203,7 +203,7 @@ def test_kittis_objects_leave_out_what_stands_still():
     np.testing.assert_array_equal(GREY8.decode(stored, Path("x")), number_objects(ids, make_provenance(3)["instances"]))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.sampled_from(EYES),
     st.lists(st.floats(0.015625, 70, width=32) | st.sampled_from([0.5, 1.5, 2.5, 6.5, np.inf]), min_size=7, max_size=7),

@@ -1,13 +1,13 @@
 """What is built, installed and run elsewhere, rather than the checkout."""
 
 import os
-import subprocess
 import sys
 import tarfile
 import zipfile
 from pathlib import Path, PurePosixPath
 
 import pytest
+from processes import run_python
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 DATA_FOLDERS = ("shaders", "configs", "assets")
@@ -16,45 +16,45 @@ DATA_FOLDERS = ("shaders", "configs", "assets")
 JUNK = {"out", "build", "dist", "__pycache__", ".git", ".venv", ".pytest_cache", ".mypy_cache", ".ruff_cache"}
 
 
-def run(*command: str, cwd: Path, env: dict[str, str] | None = None) -> str:
-    done = subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{' '.join(command)}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
+def run(*arguments, cwd, **environment):
+    done = run_python(*arguments, cwd=cwd, **environment)
+    assert done.code == 0, (arguments, done)
+    return done.out
 
 
-def build(what: list[str], out: Path) -> list[Path]:
-    run(sys.executable, "-m", "build", "--no-isolation", *what, "--outdir", str(out), str(CHECKOUT), cwd=out.parent)
+def build(what, out):
+    run("-m", "build", "--no-isolation", *what, "--outdir", out, CHECKOUT, cwd=out.parent)
     return sorted(out.iterdir())
 
 
-def data_files() -> set[str]:
+def data_files():
     """All packaged data of the checkout, as paths from its top."""
     paths = (path for folder in DATA_FOLDERS for path in (CHECKOUT / folder).rglob("*") if path.is_file())
     return {path.relative_to(CHECKOUT).as_posix() for path in paths}
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(tmp_path_factory):
     """The wheel, built from the checkout as it stands."""
     [built] = build(["--wheel"], tmp_path_factory.mktemp("from-checkout") / "dist")
     return built
 
 
 @pytest.fixture(scope="module")
-def target(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def target(wheel, tmp_path_factory):
     """A folder that holds the installed wheel and nothing else."""
     folder = tmp_path_factory.mktemp("installed")
     options = ["--quiet", "--no-index", "--no-deps", "--disable-pip-version-check", "--no-compile"]
-    run(sys.executable, "-m", "pip", "install", *options, "--target", str(folder), str(wheel), cwd=folder)
+    run("-m", "pip", "install", *options, "--target", folder, wheel, cwd=folder)
     return folder
 
 
-def packages() -> list[str]:
+def packages():
     """The folders of installed packages."""
     return [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
 
 
-def test_the_wheel_holds_the_package_with_its_data_and_nothing_else(wheel: Path) -> None:
+def test_the_wheel_holds_the_package_with_its_data_and_nothing_else(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     modules = {path.relative_to(CHECKOUT).as_posix() for path in (CHECKOUT / "semisynth_gl").rglob("*.py")}
@@ -66,7 +66,7 @@ def test_the_wheel_holds_the_package_with_its_data_and_nothing_else(wheel: Path)
         assert path.suffix not in (".pyc", ".png", ".pfm"), path
 
 
-def test_the_sdist_carries_what_a_wheel_and_the_tests_need(tmp_path: Path) -> None:
+def test_the_sdist_carries_what_a_wheel_and_the_tests_need(tmp_path):
     [sdist] = build(["--sdist"], tmp_path / "dist")
     with tarfile.open(sdist) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames()}
@@ -76,12 +76,11 @@ def test_the_sdist_carries_what_a_wheel_and_the_tests_need(tmp_path: Path) -> No
 
 # One backend is enough: what is asked here is whether everything is found, down to the photographs that assets/ lists.
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
-def test_the_installed_wheel_renders(target: Path, backend: str, tmp_path: Path) -> None:
+def test_the_installed_wheel_renders(target, backend, tmp_path):
     # -S leaves .pth files unread, by which an editable install points at the checkout.
-    python = (sys.executable, "-S")
-    elsewhere = {**os.environ, "PYTHONPATH": os.pathsep.join([str(target), *packages()])}
+    elsewhere = {"cwd": tmp_path, "PYTHONPATH": os.pathsep.join([str(target), *packages()])}
     show = "import semisynth_gl; print(semisynth_gl.__file__)"
-    assert Path(run(*python, "-c", show, cwd=tmp_path, env=elsewhere)).is_relative_to(target)
+    assert Path(run("-S", "-c", show, **elsewhere)).is_relative_to(target)
     values = ("camera.width_px=128", "camera.height_px=64", "models.complex=0", "models.variants=1")
     small = [f"--set={value}" for value in (*values, "textures.source=photographs", "textures.max_patches=32")]
     for command, *arguments in (
@@ -90,5 +89,5 @@ def test_the_installed_wheel_renders(target: Path, backend: str, tmp_path: Path)
         ("report", "set", "--out", "set.html"),
         ("preview", "--config", "eth3d", "--pairs", "1", *small, "--out", "sheet.png", "--backend", backend),
     ):
-        run(*python, str(target / "bin" / "semisynth-gl"), command, *arguments, cwd=tmp_path, env=elsewhere)
+        run("-S", target / "bin" / "semisynth-gl", command, *arguments, **elsewhere)
     assert {"set", "set.html", "sheet.png"} == {path.name for path in tmp_path.iterdir()}

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import facing, one_model, posed
+from scenes import SQUARE, facing, one_model, posed
 
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
@@ -38,11 +38,11 @@ def rod(start, stop, width_px, **depth):
     return polygon([start + aside, stop + aside, stop - aside, start - aside], **depth)
 
 
-def drawn(open_renderer, square, scenes, mode):
+def drawn(open_renderer, scenes, mode):
     """Draw scenes of shapes before a wall, each shape with a patch of its own; return both eyes' images."""
     shapes = [shape for own in scenes.values() for shape in own]
     images, first = {}, 1
-    renderer = open_renderer([square, *shapes], FLAT, antialias=mode, outputs=())
+    renderer = open_renderer([SQUARE, *shapes], FLAT, antialias=mode, outputs=())
     for name, own in scenes.items():
         scene = make_scene(
             CAMERA,
@@ -86,9 +86,9 @@ SHAPES = {
 }
 
 
-def test_outlines_come_near_to_many_samples(open_renderer, square):
+def test_outlines_come_near_to_many_samples(open_renderer):
     scenes = {name: shapes for name, (_, shapes) in SHAPES.items()}
-    none, edges, many = (drawn(open_renderer, square, scenes, mode) for mode in ("none", "edges", "ssaa8"))
+    none, edges, many = (drawn(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
     for name, (left, _) in SHAPES.items():
         assert error(none[name], many[name]) > 10, name
         assert error(edges[name], many[name]) < left * error(none[name], many[name]), name
@@ -106,7 +106,7 @@ def covered(angle, offset_px):
     return np.clip(rows + 0.5 - begin, 0, 1).mean(axis=-1)
 
 
-def test_shares_are_those_of_the_square_of_a_pixel(open_renderer, square):
+def test_shares_are_those_of_the_square_of_a_pixel(open_renderer):
     layers = np.zeros((2, 16, 16, 4), np.uint8)
     layers[1] = 255
     angles = [(0.0, 0.3), (0.05, 0.1), (0.3, -0.4), (0.5, 0.2), (np.pi / 4, 0.1), (-0.4, 0.35)]
@@ -116,7 +116,7 @@ def test_shares_are_those_of_the_square_of_a_pixel(open_renderer, square):
         )
         for turn, offset in angles
     ]
-    renderer = open_renderer([square, *lines], layers, antialias="edges", outputs=())
+    renderer = open_renderer([SQUARE, *lines], layers, antialias="edges", outputs=())
     for number, (turn, offset) in enumerate(angles):
         scene = make_scene(CAMERA, model=[0, 1 + number], world_from_model=[WALL, np.eye(4)], layer=[0, 1])
         shown = renderer.render(scene).left.image[..., 0].astype(float)
@@ -124,11 +124,11 @@ def test_shares_are_those_of_the_square_of_a_pixel(open_renderer, square):
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_outlines_of_curved_surfaces_come_near_to_many_samples_too(open_renderer, square, mirrored):
+def test_outlines_of_curved_surfaces_come_near_to_many_samples_too(open_renderer, mirrored):
     turned = np.array([[0.8, -0.6, 0], [0.36, 0.48, -0.8], [0.48, 0.64, 0.6]]) @ np.diag([-1 if mirrored else 1, 1, 1])
     placed = posed(0.5 * turned, (0, 0, 2.5))
     kinds = {"sphere": 0.22, "torus": 0.06, "cone": 0.11, "cylinder": 0.06}
-    models = [square, *(marked_solid(SIMPLE_KINDS[kind](np.random.default_rng(0))) for kind in kinds)]
+    models = [SQUARE, *(marked_solid(SIMPLE_KINDS[kind](np.random.default_rng(0))) for kind in kinds)]
     renderers = [open_renderer(models, FLAT, antialias=mode, outputs=()) for mode in ("none", "edges", "ssaa8")]
     for model, (kind, left) in enumerate(kinds.items(), 1):
         scene = make_scene(CAMERA, model=[0, model], world_from_model=[WALL, placed], layer=[0, 1])
@@ -137,13 +137,13 @@ def test_outlines_of_curved_surfaces_come_near_to_many_samples_too(open_renderer
 
 
 @pytest.mark.parametrize("large", [False, True])
-def test_beyond_an_edge_goes_on_what_the_patch_shows_there(open_renderer, square, large):
+def test_beyond_an_edge_goes_on_what_the_patch_shows_there(open_renderer, large):
     """Not the mean of the patch, nor another patch, nor one of the other atlas."""
     left, right = np.array([200, 40, 90]), np.array([10, 120, 250])
     others, patches = np.zeros((2, 64, 64, 4), np.uint8), np.full((2, 64, 64, 4), 250, np.uint8)
     others[1, ..., :3], patches[0, :, :32, :3], patches[0, :, 32:, :3] = (240, 240, 0), left, right
     atlases = (others, patches) if large else (np.concatenate([others, patches]), None)
-    renderer = open_renderer([square], atlases[0], large_layers=atlases[1], antialias="edges", outputs=())
+    renderer = open_renderer([SQUARE], atlases[0], large_layers=atlases[1], antialias="edges", outputs=())
     # Two fifths of column 29 and three fifths of column 93.
     placed = facing(CAMERA, 29.6, 19.6, 64, 64, 2.0)
     image = renderer.render(make_scene(CAMERA, model=[0, 0], world_from_model=[WALL, placed], layer=[0, 2])).left.image
@@ -152,7 +152,7 @@ def test_beyond_an_edge_goes_on_what_the_patch_shows_there(open_renderer, square
     np.testing.assert_allclose(shown, shares * np.repeat([left, right], 3, axis=0), atol=1.5)
 
 
-def test_rods_thinner_than_a_pixel_are_whole(open_renderer, square):
+def test_rods_thinner_than_a_pixel_are_whole(open_renderer):
     scenes = {
         (width_px, lean): [
             rod((10.3 + 20 * number, 10.2), (10.3 + 20 * number + 100 * lean, 110.1), width_px) for number in range(4)
@@ -160,7 +160,7 @@ def test_rods_thinner_than_a_pixel_are_whole(open_renderer, square):
         for width_px in (0.1, 0.2, 0.4, 0.55, 0.7, 0.9)
         for lean in (0.13, 0.37, 1.0)
     }
-    none, edges, many = (drawn(open_renderer, square, scenes, mode) for mode in ("none", "edges", "ssaa8"))
+    none, edges, many = (drawn(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
     wall = FLAT[0, 0, 0, :3]
     for (width_px, lean), reference in many.items():
         shown, true = (np.abs(images[width_px, lean] - wall).sum(axis=-1) for images in (edges, many))
@@ -173,11 +173,9 @@ def test_rods_thinner_than_a_pixel_are_whole(open_renderer, square):
             assert error(edges[width_px, lean], reference) < 0.05 * error(none[width_px, lean], reference), case
 
 
-def test_what_the_near_plane_cuts_is_smooth_too(open_renderer, square):
+def test_what_the_near_plane_cuts_is_smooth_too(open_renderer):
     floor = make_mesh("floor", [[-1, 0.45, -1], [1, 0.45, -1], [0.2, 0.45, 6]], np.zeros((3, 2)), [[0, 1, 2]])
-    none, edges, many = (
-        drawn(open_renderer, square, {"floor": [floor]}, mode)["floor"] for mode in ("none", "edges", "ssaa8")
-    )
+    none, edges, many = (drawn(open_renderer, {"floor": [floor]}, mode)["floor"] for mode in ("none", "edges", "ssaa8"))
     assert error(edges, many) < 0.02 * error(none, many)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from glcontext import egl
 from heavy import heavy
+from processes import run_python
 
 from semisynth_gl.render.context import context_facts
 
@@ -32,10 +33,9 @@ optimiser.step()
 def run(backend, steps, folder=None, **environment):
     program = "\n".join(STEPS.get(step, step).format(backend=backend) for step in steps)
     paths = os.pathsep.join(filter(None, (folder and str(folder), os.environ.get("PYTHONPATH"))))
-    environment = os.environ | {"PYTHONPATH": paths} | environment
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"exit code {done.returncode}\n{done.stderr}"
-    return done.stdout
+    done = run_python("-c", program, **{"PYTHONPATH": paths} | environment)
+    assert done.code == 0, f"exit code {done.code}\n{done.err}"
+    return done.out
 
 
 @pytest.mark.heavy

@@ -72,7 +72,7 @@ def open_scenes(doffs_px=0.0, sky=0.0, *, signed=True, outputs=(), more=None):
 ANGLES = st.floats(-0.1, 0.1)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @example(0.0, -0.099609375, 0.0, 0.90234375, 0.0, 1.0, 320)
 @given(
     ANGLES, ANGLES, st.floats(-20, 20), st.floats(0.9, 1.1), st.floats(-30, 30), st.floats(0.5, 2),

@@ -5,13 +5,12 @@ from functools import cache, cached_property
 
 import numpy as np
 import pytest
-from ray_masks import flow_visibility, visibility
 from scene_table import CASES, of
 from scenes import assert_equal
 
 from semisynth_gl import oracle
-from semisynth_gl.frame.camera import EYES, Crop
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS, SKY
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS, OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.render import listed_steps
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import Hits, cast_rays
@@ -26,6 +25,9 @@ STEP_PX = 2.5e-4
 # Rows are compared up to this number of pixels, from the top of one view and from the bottom of the other.
 MOST_PIXELS = 4000
 SIDE = 256
+# Largest relative difference of the depths at which two rays meet the same point; it covers float64's rounding, and a
+# surface in front of the point is nearer by more.
+SAME_POINT = 1e-9
 
 
 def ramps():
@@ -147,6 +149,39 @@ def check_normals(pixels):
     assert degrees.max(initial=0) < 0.01
     assert np.abs(np.linalg.norm(found[seen], axis=1) - 1).max(initial=0) < 1e-6
     assert not found[~seen].any()
+
+
+def visibility(scene, models, eye, x_px, y_px, hits, *, signed=False):
+    """Return whether the other eye sees the hit points, (R,) uint8, by a second ray to each point from that eye."""
+    camera, other = scene.camera, OTHER_EYE[eye]
+    position_px = np.stack([x_px, y_px], axis=1) + oracle.correspondence_px(
+        camera, eye, x_px, y_px, hits, signed=signed
+    )
+    # Each eye's depths are in its own camera frame.
+    is_far = np.isinf(hits.depth_m)
+    points = camera.rays(eye, x_px, y_px) * np.where(is_far, 1.0, hits.depth_m)[:, None]
+    points[:, 0] += camera.offset_m(eye) - camera.offset_m(other)
+    turn = camera.turn(other)
+    depth_m = np.where(is_far, np.inf, points[:, 2] if turn is None else points @ turn[2])
+    return seen(scene, models, other, position_px, depth_m)
+
+
+def flow_visibility(motion, models, eye, x_px, y_px, hits, flow_px, depth_m):
+    """Return whether an eye sees the hit points at the other moment, (R,) uint8; things that are gone are occluded."""
+    mask = seen(motion.scene, models, eye, np.stack([x_px, y_px], axis=1) + flow_px, depth_m)
+    visible = np.flatnonzero(mask == VISIBLE)
+    mask[visible[motion.instance[hits.instance[visible]] < 0]] = OCCLUDED
+    return mask
+
+
+def seen(scene, models, eye, position_px, depth_m):
+    """Return whether an eye sees points at positions (R, 2) and depths (R,), where nothing nearer hides them."""
+    size = np.array([scene.camera.width_px, scene.camera.height_px])
+    where = np.flatnonzero(((position_px >= -0.5) & (position_px < size - 0.5)).all(axis=1))
+    nearest_m = cast_rays(scene, models, eye, *position_px[where].T).depth_m
+    mask = np.full(len(position_px), OUTSIDE, np.uint8)
+    mask[where] = np.where(nearest_m < depth_m[where] * (1 - SAME_POINT), OCCLUDED, VISIBLE)
+    return mask
 
 
 def check_mask(pixels, name, expected):

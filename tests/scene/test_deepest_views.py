@@ -13,7 +13,6 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
-from semisynth_gl.scene.structures import StaticScene
 from semisynth_gl.scene.view_volume import deepest_m
 
 KINDS = ("cuboid", "plane", "room", "street")
@@ -49,7 +48,7 @@ def test_only_what_a_view_shows_counts(corners, deepest):
     assert deepest_m(SequenceRig((RIG,)), np.array([corners], float)) == pytest.approx(deepest)
 
 
-def seen_px(static: StaticScene, camera: StereoCamera, time_s: float = 0.0) -> np.ndarray:
+def seen_px(static, camera, time_s=0.0):
     """Disparities of static instances on a grid over both views that reaches to their borders."""
     x_px, y_px = np.meshgrid(
         np.linspace(-0.4971, camera.width_px - 0.5013, 27), np.linspace(-0.4937, camera.height_px - 0.5029, 21)

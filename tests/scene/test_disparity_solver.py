@@ -129,7 +129,7 @@ def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
 # The Boolean model
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(2, 24), st.integers(0, 2**31))
 def test_solved_coverage_gives_the_wanted_shares(bins, seed):
     """A stack of thin layers over a wall in the farthest bin."""

@@ -11,11 +11,9 @@ from scenes import noise_layers
 from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl import load_config
-from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import RoomSection, StreetSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
-from semisynth_gl.scene.arrangement import Arrangement
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.furnishing import _HANGING
 from semisynth_gl.scene.glance import glance, grid_px
@@ -36,13 +34,13 @@ CAMERAS = {
 
 
 @cache
-def furnished(rig: str, kind: str, *overrides: str) -> Config:
+def furnished(rig, kind, *overrides):
     weights = [f"background.{name}={int(name == kind)}" for name in ("cuboid", "plane", "room", "street")]
     variants = ["models.variants=1", "particles.layers=[]", "disparity.target={form: uniform}"]
     return load_config(rig, [*CLUTTER_ALONE, *weights, *variants, *overrides])
 
 
-def arranged(kind: str, seed: int, rig: str | None = None, **keys: object) -> Arrangement:
+def arranged(kind, seed, rig=None, **keys):
     """The things of a scene, of a section with other values of some keys."""
     rig = rig or KINDS[kind]
     config = furnished(rig, kind).model_copy(update={kind: SECTIONS[kind].model_validate(keys)})
@@ -50,7 +48,7 @@ def arranged(kind: str, seed: int, rig: str | None = None, **keys: object) -> Ar
     return sample(config, still_rig(*CAMERAS[rig]), catalogue(), np.random.default_rng(seed))
 
 
-def bordering(camera: StereoCamera, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
+def bordering(camera, columns, rows):
     """Pixel positions all over a view, up to its borders."""
     x, y = np.meshgrid(
         np.linspace(-0.37, camera.width_px - 0.61, columns), np.linspace(-0.41, camera.height_px - 0.57, rows)
@@ -60,7 +58,7 @@ def bordering(camera: StereoCamera, columns: int, rows: int) -> tuple[np.ndarray
 
 @pytest.mark.parametrize("rig", CAMERAS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig: str, kind: str) -> None:
+def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig, kind):
     config = furnished(rig, kind)
     for seed in range(2):
         static = static_scene_of(config, seed)
@@ -72,7 +70,7 @@ def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig: str, kind:
             assert near_m < depth_m.min() <= depth_m.max() < camera.depth_m(0)
 
 
-def first_hit(triangles: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> float:
+def first_hit(triangles, origin, direction):
     """Distance at which a ray meets the first of triangles (T, 3, 3), in lengths of its direction."""
     corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(first, second)
@@ -84,14 +82,14 @@ def first_hit(triangles: np.ndarray, origin: np.ndarray, direction: np.ndarray) 
     return float(distance[hit].min(initial=np.inf))
 
 
-def corners_of(things: Arrangement) -> list[np.ndarray]:
+def corners_of(things):
     """The triangles (T, 3, 3) of each thing, in the floor's frame."""
     both = [(things.catalogue.models[thing["model"]], thing["pose"]) for thing in things.things]
     return [(mesh.positions.astype(float) @ pose[:3, :3].T + pose[:3, 3])[mesh.triangles] for mesh, pose in both]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_things_at_rest_stand_upright_and_on_something(kind: str) -> None:
+def test_things_at_rest_stand_upright_and_on_something(kind):
     bearers = Counter()
     for seed in range(2):
         things = arranged(kind, seed, **({"pictures": 20} if kind == "room" else {}))
@@ -120,7 +118,7 @@ def test_things_at_rest_stand_upright_and_on_something(kind: str) -> None:
     assert (bearers["wall"] > 0) == (kind == "room")
 
 
-def test_the_sides_of_a_box_wear_one_texture_and_are_the_size_that_they_say() -> None:
+def test_the_sides_of_a_box_wear_one_texture_and_are_the_size_that_they_say():
     things = arranged("room", 0)
     # Some walls have their corner behind the camera.
     assert things.table()["depth_m"].min() == things.rig.near_m
@@ -136,23 +134,23 @@ def test_the_sides_of_a_box_wear_one_texture_and_are_the_size_that_they_say() ->
             )
 
 
-def is_of(number: int, *names: str) -> bool:
+def is_of(number, *names):
     return catalogue().models[number].name in names
 
 
-def count(things: Arrangement) -> int:
+def count(things):
     return len(things.things)
 
 
-def number_of(*names: str):
+def number_of(*names):
     return lambda things: sum(is_of(thing["model"], *names) for thing in things.things)
 
 
-def gap_of_fences(things: Arrangement) -> float:
+def gap_of_fences(things):
     return np.ptp([thing["pose"][0, 3] for thing in things.things if is_of(thing["model"], "fence")])
 
 
-def height(things: Arrangement) -> float:
+def height(things):
     return float(-things.camera_from_floor[:3, 2] @ things.camera_from_floor[:3, 3])
 
 
@@ -187,7 +185,7 @@ EFFECTS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_key_of_rooms_and_streets_does_what_it_says(kind: str) -> None:
+def test_each_key_of_rooms_and_streets_does_what_it_says(kind):
     assert EFFECTS[kind].keys() == SECTIONS[kind].model_fields.keys()
     for key, (low, high, measure, others) in EFFECTS[kind].items():
         less, more = (
@@ -198,7 +196,7 @@ def test_each_key_of_rooms_and_streets_does_what_it_says(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_glance_sees_what_the_ray_caster_sees(kind: str) -> None:
+def test_a_glance_sees_what_the_ray_caster_sees(kind):
     static, models = static_scene_of(furnished(KINDS[kind], kind), 3), catalogue().models
     scene = to_scene(static.instances, static.rig.camera, static.rig.near_m)
     seen, hits = glance(scene, models), cast_rays(scene, models, "left", *grid_px(scene.camera))
@@ -207,7 +205,7 @@ def test_a_glance_sees_what_the_ray_caster_sees(kind: str) -> None:
 
 
 @pytest.mark.parametrize("fy_over_fx", [1.0, 1.3])
-def test_a_glance_cuts_triangles_at_the_near_plane(fy_over_fx: float) -> None:
+def test_a_glance_cuts_triangles_at_the_near_plane(fy_over_fx):
     """Of random triangles around the camera, most reach behind it with one corner or with two."""
     camera = replace(CAMERAS["kitti"][0], fy_over_fx=fy_over_fx)
     corners = np.random.default_rng(2).uniform((-4, -2, -2), (4, 2, 4), (60, 3, 3))
@@ -231,7 +229,7 @@ def test_a_glance_cuts_triangles_at_the_near_plane(fy_over_fx: float) -> None:
 HOLES = (0.12, 0.4), (0.37, 0.63), (0.6, 0.88)
 
 
-def test_walls_are_open_where_they_have_a_hole_and_closed_elsewhere() -> None:
+def test_walls_are_open_where_they_have_a_hole_and_closed_elsewhere():
     for walls, (top, bottom) in ((DOORWAYS, (0.2, 1.0)), (NICHES, (0.3, 0.62))):
         for wall, (left, right) in zip(walls, HOLES, strict=True):
             corners = wall.positions[wall.triangles].astype(float)
@@ -243,7 +241,7 @@ def test_walls_are_open_where_they_have_a_hole_and_closed_elsewhere() -> None:
 
 
 @pytest.mark.parametrize("hole", ["doorway", "niche"])
-def test_what_hangs_on_a_wall_meets_neither_its_hole_nor_its_ends_nor_each_other(hole: str) -> None:
+def test_what_hangs_on_a_wall_meets_neither_its_hole_nor_its_ends_nor_each_other(hole):
     hung = 0
     keys = dict.fromkeys(("furniture", "small", "curtain", "pillars", "rug", "doorway", "niche"), 0) | {hole: 1}
     for seed in range(8):
@@ -272,7 +270,7 @@ def test_what_hangs_on_a_wall_meets_neither_its_hole_nor_its_ends_nor_each_other
     assert hung > 5
 
 
-def test_fences_and_houses_stand_clear_of_pavements() -> None:
+def test_fences_and_houses_stand_clear_of_pavements():
     stood = 0
     for seed in range(3):
         things = arranged("street", seed, pavement=1, houses=0.3, fences=0.7, tall=0, low=0, vehicles=0)
@@ -288,7 +286,7 @@ def test_fences_and_houses_stand_clear_of_pavements() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_float32_leaves_no_gap_where_walls_grounds_and_niches_meet(open_renderer, kind: str) -> None:
+def test_float32_leaves_no_gap_where_walls_grounds_and_niches_meet(open_renderer, kind):
     sections = ["room.doorway=0.5", "room.niche=0.5", "room.furniture=0", "room.small=0", "models.complex=0"]
     sampler = sampler_of(furnished(KINDS[kind], kind, *sections), 4)
     renderer = open_renderer(sampler.models, noise_layers(1, 64), outputs=())

@@ -6,12 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from samplers import patches
 from tiny_datasets import cheap, findings
 
-from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
@@ -23,9 +22,8 @@ from semisynth_gl.scene.mix import MixSampler, recipe_numbers
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.atlas import Patch
 
-PATCHES = tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(5))
+PATCHES = patches()
 FLOW = ["visibility", "instances", "depth", "flow", "flow_backward", "disparity_change"]
 
 # Every section that a recipe may change. Of six successive sequences, each recipe has one or more, whatever the seed.
@@ -79,13 +77,13 @@ def test_successive_sequences_have_each_recipe_as_often_as_its_share_says(weight
         assert np.abs(np.cumsum(drawn == recipe) - share * so_far).max() < 4.5
 
 
-def test_a_preview_shows_each_recipe_and_says_what_it_is(tmp_path):
-    path, sheet = tmp_path / "mix.yaml", str(tmp_path / "sheet.png")
+def test_a_preview_shows_each_recipe_and_says_what_it_is(program, tmp_path):
+    path = tmp_path / "mix.yaml"
     path.write_text(json.dumps(mixed(small()).model_dump(mode="json", exclude_none=True)))
-    done = CliRunner().invoke(semisynth_gl, ["preview", "--config", str(path), "--out", sheet])
-    assert done.exit_code == 0, done.output
-    assert f"4 pairs in {sheet}\n" in done.stdout
-    said = re.findall(r"^(\w+), (\d+)% of the scenes: pairs shown ([\d, ]+)$", done.stdout, re.MULTILINE)
+    code, out, err = program("preview", "--config", path, "--out", "sheet.png")
+    assert code == 0, err
+    assert "4 pairs in sheet.png\n" in out
+    said = re.findall(r"^(\w+), (\d+)% of the scenes: pairs shown ([\d, ]+)$", out, re.MULTILINE)
     assert [(name, share) for name, share, _ in said] == [("plain", "33"), ("walls", "33"), ("solids", "33")]
     shown = sorted(int(index) for *_, indices in said for index in indices.split(", "))
     assert shown == sampler_of(mixed(small()), seed=0).overview(4)

@@ -11,26 +11,25 @@ from samplers import sampler_of as make_sampler
 from semisynth_gl import load_config
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.scene.resting import come_to_rest, surfaces_below, triangles_of
-from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 
 MOVING = ["sequence.length=3", "sequence.frame_s=2", "camera.sway_m=0.01", "camera.sway_deg=1"]
 GROUND = ["structures.ground=1", "structures.ground_disparity_px=[60,150]", "structures.panels=2"]
 
 
 @cache
-def sampler_of(*overrides: str) -> SceneSampler:
+def sampler_of(*overrides):
     few = "models.variants=1", "models.complex=0"
     config = load_config("middlebury", ["scenes=[]", "textures.large_px=0", *few, *overrides])
     return make_sampler(config, 3)
 
 
-def by_slot(sampled: SampledScene, *, at_rest: bool | None = None) -> dict[int, np.ndarray]:
+def by_slot(sampled, *, at_rest=None):
     """The poses of the particles of a scene, or of those that are or are not at rest."""
     rows = sampled.instances[sampled.instances["slot"] >= 0]
     return {int(row["slot"]): row["pose"] for row in rows if at_rest in (None, row["resting"])}
 
 
-def test_models_at_rest_touch_what_was_below_them() -> None:
+def test_models_at_rest_touch_what_was_below_them():
     options = "particles.density=sparse", *GROUND
     sampler, falling = sampler_of("particles.resting=1", *options), sampler_of(*options)
     touching = 0
@@ -57,7 +56,7 @@ def test_models_at_rest_touch_what_was_below_them() -> None:
 
 
 @pytest.mark.parametrize("kind", ["cuboid", "room", "street"])
-def test_particles_at_rest_were_let_down_and_the_others_fall_as_before(kind: str) -> None:
+def test_particles_at_rest_were_let_down_and_the_others_fall_as_before(kind):
     weights = [f"background.{name}={int(name == kind)}" for name in ("cuboid", "plane", "room", "street")]
     options = (*weights, "particles.layers=[{count: 120}]", *(GROUND if kind == "cuboid" else ()))
     rested, fallen = (sampler_of(f"particles.resting={share}", *options) for share in (0.5, 0))
@@ -75,7 +74,7 @@ def test_particles_at_rest_were_let_down_and_the_others_fall_as_before(kind: str
     assert np.median(sunk) > 0
 
 
-def test_they_stay_whatever_frame_is_sampled_first() -> None:
+def test_they_stay_whatever_frame_is_sampled_first():
     options = "particles.resting=0.6", *GROUND, *MOVING
     sampler, other = sampler_of(*options), sampler_of.__wrapped__(*options)
     forwards = [sampler.sample(index) for index in range(6)]
@@ -100,9 +99,9 @@ def test_they_stay_whatever_frame_is_sampled_first() -> None:
     assert any(first[slot] != last[slot] for slot in first.keys() & last.keys() - resting)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**31), st.integers(1, 40))
-def test_the_surface_below_is_the_highest_that_is_not_above(seed: int, count: int) -> None:
+def test_the_surface_below_is_the_highest_that_is_not_above(seed, count):
     rng = np.random.default_rng(seed)
     corners = rng.uniform(-1, 1, (count, 3, 3))
     points = rng.uniform(-0.6, 0.6, (3, 3))
@@ -124,7 +123,7 @@ def test_the_surface_below_is_the_highest_that_is_not_above(seed: int, count: in
         np.testing.assert_allclose((corners[number, 1:] - corners[number, 0]) @ normal, 0, atol=1e-9)
 
 
-def test_nothing_rests_on_a_steep_slope_or_above_nothing() -> None:
+def test_nothing_rests_on_a_steep_slope_or_above_nothing():
     mesh = make_mesh("thing", [[0, 0, 1], [1, 0, 0], [0, -1, 0], [-1, 0, -1]], np.zeros((4, 2)), [[0, 1, 2], [1, 2, 3]])
     up = np.array([0.0, -1.0, 0.0])
     for angle, rests in ((0, True), (0.9, True), (1.1, False)):

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from samplers import still_rig
+from samplers import patches, still_rig
 
 from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.config.rig_sections import DisparitySection
@@ -23,7 +23,6 @@ from semisynth_gl.scene.scene import Scene, make_scene
 from semisynth_gl.scene.structures import CURVED_PANEL, SURFACE_MODELS, sample_structures
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.atlas import Patch
 
 CAMERA = StereoCamera(600, 400, 700.0, 0.2, 280.0, 320.0, 190.0)
 DISPARITY = DisparitySection(min_px=5.0, max_px=150.0)
@@ -32,10 +31,6 @@ SCENE_ARRAYS = ("model", "world_from_model", "layer", "uv_scale", "uv_offset")
 
 def small(*keys: str) -> Config:
     return load_config("middlebury", ["camera.width_px=150", "camera.height_px=100", "models.variants=1", *keys])
-
-
-def patches(count=5, frames=1):
-    return tuple(Patch(f"{i}.png", 0, 0, 256, i * frames, frames, 9.0) for i in range(count))
 
 
 @pytest.fixture(scope="module")

@@ -4,18 +4,15 @@ import hashlib
 from collections import Counter
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from photograph_like import noise, octaves, save
 from PIL import Image, ImageFilter
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures import clips
-from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.clips import natural_key
 from semisynth_gl.textures.crops import Square, cut_crop, texture_measure
 from semisynth_gl.textures.images import read_image
@@ -26,12 +23,12 @@ FLAT = np.full((64, 64, 3), 90, dtype=np.uint8)
 KEYS = {"patch_px": 32, "scales": (1.0,), "min_texture": 3.0, "min_sharpness": 0.0, "min_difference": 0.0}
 
 
-def build(images: list[Path], pictures: list[Picture] | None = None, *, seed: int = 0, **keys: Any) -> Atlas:
+def build(images, pictures=None, *, seed=0, **keys):
     section = TexturesSection(**{**KEYS, "max_patches": 100, **keys})
     return build_atlas(images, section, np.random.default_rng(seed), pictures)
 
 
-def check_consistent(atlas: Atlas, images_given: int, min_texture: float = 3.0) -> None:
+def check_consistent(atlas, images_given, min_texture=3.0):
     report, side = atlas.report, atlas.report.patch_px
     assert atlas.layers.shape == (sum(patch.layer_count for patch in atlas.patches), side, side, 4)
     assert atlas.layers.dtype == np.uint8
@@ -54,11 +51,11 @@ def check_consistent(atlas: Atlas, images_given: int, min_texture: float = 3.0) 
     assert set(report.surface_shares) == {patch.source for patch in atlas.patches}
 
 
-def longest_clip(atlas: Atlas) -> int:
+def longest_clip(atlas):
     return max(patch.layer_count for patch in atlas.patches)
 
 
-def test_patches_hold_the_pixels_of_their_squares(tmp_path: Path) -> None:
+def test_patches_hold_the_pixels_of_their_squares(tmp_path):
     paths = save(tmp_path, a=noise(70, 100), b=noise(64, 64, 1))
     pictures = {name: noise(70, 100, number) for number, name in enumerate(("p", "q/r"), start=2)}
     atlas = build(paths, [Picture(*each) for each in pictures.items()], scales=(1, 1.5, 2))
@@ -72,7 +69,7 @@ def test_patches_hold_the_pixels_of_their_squares(tmp_path: Path) -> None:
     assert atlas.pictures == {name: hashlib.sha256(pixels.tobytes()).hexdigest() for name, pixels in pictures.items()}
 
 
-def test_report_counts_every_image_and_crop(tmp_path: Path) -> None:
+def test_report_counts_every_image_and_crop(tmp_path):
     half = noise(96, 192)  # 9 crops with texture, 9 without
     half[:, 96:] = 90
     paths = save(tmp_path, half=half, flat=FLAT, small=noise(31, 200), good=noise(96, 96, 2))
@@ -88,7 +85,7 @@ def test_report_counts_every_image_and_crop(tmp_path: Path) -> None:
         assert said in report.summary()
 
 
-def test_a_large_image_does_not_crowd_out_the_others_and_scales_take_turns(tmp_path: Path) -> None:
+def test_a_large_image_does_not_crowd_out_the_others_and_scales_take_turns(tmp_path):
     paths = save(tmp_path, huge=noise(640, 640), a=noise(64, 64, 1), b=noise(64, 64, 2), c=noise(32, 32, 3))
     for most, of_each in ((10, 3), (50, 4)):  # what the small ones cannot fill, the large one does
         counts = Counter(patch.source for patch in build(paths, max_patches=most).patches)
@@ -97,7 +94,7 @@ def test_a_large_image_does_not_crowd_out_the_others_and_scales_take_turns(tmp_p
     assert Counter(patch.side_px for patch in atlas.patches) == {32: 4, 64: 4, 128: 4}
 
 
-def test_the_same_seed_gives_the_same_whatever_the_order(tmp_path: Path) -> None:
+def test_the_same_seed_gives_the_same_whatever_the_order(tmp_path):
     paths = save(tmp_path, **{f"i{i}": noise(96, 128, i) for i in range(6)})
     first, again = build(paths, max_patches=20), build(paths[::-1], max_patches=20)
     assert (first.patches, first.report) == (again.patches, again.report)
@@ -105,18 +102,18 @@ def test_the_same_seed_gives_the_same_whatever_the_order(tmp_path: Path) -> None
     assert build(paths, max_patches=20, seed=1).patches != first.patches
 
 
-def test_sources_do_not_depend_on_where_the_folder_lies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sources_do_not_depend_on_where_the_folder_lies(tmp_path, monkeypatch):
     paths = save(tmp_path / "one", a=noise(32, 32)) + save(tmp_path / "two", a=noise(32, 32, 1))
     assert [patch.source for patch in build(paths).patches] == ["one/a.png", "two/a.png"]
     monkeypatch.chdir(tmp_path)
     assert [patch.source for patch in build([Path("one/a.png")]).patches] == ["a.png"]
 
 
-def test_no_more_images_are_opened_than_needed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_more_images_are_opened_than_needed(tmp_path, monkeypatch):
     paths = save(tmp_path, **{f"i{i:02d}": noise(96, 96, i) for i in range(30)})
     opened: list[Path] = []
 
-    def read_and_note(path: Path) -> NDArray[np.uint8]:
+    def read_and_note(path):
         opened.append(path)
         return read_image(path)
 
@@ -128,7 +125,7 @@ def test_no_more_images_are_opened_than_needed(tmp_path: Path, monkeypatch: pyte
     assert len({patch.source for patch in atlas.patches}) == 5
 
 
-def test_blurred_crops_are_left_out_where_reducing_does_not_sharpen_them(tmp_path: Path) -> None:
+def test_blurred_crops_are_left_out_where_reducing_does_not_sharpen_them(tmp_path):
     soft = np.asarray(Image.fromarray(octaves(1)).filter(ImageFilter.GaussianBlur(5)))
     sharp = {"patch_px": 64, "min_texture": 1, "min_sharpness": 0.3}
     atlas = build(save(tmp_path, sharp=octaves(0), soft=soft), scales=(1, 4), **sharp)
@@ -141,7 +138,7 @@ def test_blurred_crops_are_left_out_where_reducing_does_not_sharpen_them(tmp_pat
         build(save(tmp_path / "soft", soft=soft), **sharp)
 
 
-def test_the_same_photograph_twice_counts_once(tmp_path: Path) -> None:
+def test_the_same_photograph_twice_counts_once(tmp_path):
     pixels = np.asarray(Image.fromarray(noise(24, 32)).resize((128, 96), Image.Resampling.BICUBIC))
     paths = save(tmp_path, a=pixels, other=noise(96, 128, 5), darker=(pixels * 0.8).astype(np.uint8))
     Image.fromarray(pixels).save(tmp_path / "b.jpg", quality=70)
@@ -162,7 +159,7 @@ def test_the_same_photograph_twice_counts_once(tmp_path: Path) -> None:
     assert build(frames, min_difference=0.04, sequence=True).report.total("kept") == 2
 
 
-def test_nothing_left_is_an_error_with_reasons(tmp_path: Path) -> None:
+def test_nothing_left_is_an_error_with_reasons(tmp_path):
     with pytest.raises(InputError, match="no patch can be cut from 0 images"):
         build([])
     paths = save(tmp_path, flat=FLAT, small=noise(20, 20))
@@ -173,16 +170,16 @@ def test_nothing_left_is_an_error_with_reasons(tmp_path: Path) -> None:
         assert said in str(caught.value)
 
 
-def test_numbers_in_names_count_as_numbers() -> None:
+def test_numbers_in_names_count_as_numbers():
     ordered = ["2.png", "10b.png", "a.png", "frame01.png", "frame1.png", "frame2.png", "frame10.png"]
     assert [path.name for path in sorted(map(Path, sorted(ordered)), key=natural_key)] == ordered
 
 
-def frames(folder: Path, count: int, height: int = 64, width: int = 64) -> list[Path]:
+def frames(folder, count, height=64, width=64):
     return save(folder, **{f"frame{i}": noise(height, width, i) for i in range(1, count + 1)})
 
 
-def test_layers_of_a_patch_are_the_same_square_of_successive_frames(tmp_path: Path) -> None:
+def test_layers_of_a_patch_are_the_same_square_of_successive_frames(tmp_path):
     paths = frames(tmp_path / "video", 11) + frames(tmp_path / "other", 2, 32, 32)
     atlas = build(paths, sequence=True)
     check_consistent(atlas, 13)
@@ -196,7 +193,7 @@ def test_layers_of_a_patch_are_the_same_square_of_successive_frames(tmp_path: Pa
     assert longest_clip(build(paths)) == 1
 
 
-def test_clips_are_cut_to_fit_into_the_layers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_clips_are_cut_to_fit_into_the_layers(tmp_path, monkeypatch):
     paths = frames(tmp_path, 10)  # 4 squares
     monkeypatch.setattr(clips, "MOST_FRAMES", 8)
     assert longest_clip(build(paths, sequence=True)) == 5  # 10 frames as 5 + 5
@@ -213,7 +210,7 @@ def test_clips_are_cut_to_fit_into_the_layers(tmp_path: Path, monkeypatch: pytes
     assert len(build(paths, sequence=True, max_patches=20).layers) <= 20
 
 
-def test_frames_that_cannot_be_used_are_left_out_of_their_clip_and_a_flat_one_spoils_its_crop(tmp_path: Path) -> None:
+def test_frames_that_cannot_be_used_are_left_out_of_their_clip_and_a_flat_one_spoils_its_crop(tmp_path):
     half_flat = noise(64, 64, 2)
     half_flat[:32, :32] = 7
     paths = frames(tmp_path / "flat", 3)

@@ -22,7 +22,7 @@ from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.textures.images import read_image
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     left_px=st.integers(0, 9),
     top_px=st.integers(0, 9),
@@ -98,7 +98,7 @@ def test_sharpness_of_known_patterns():
     assert sharpness_measure(np.full((40, 40, 3), 7, np.uint8)) == np.inf
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 999), side=st.integers(16, 90), gain=st.floats(0.3, 1), offset=st.integers(0, 60))
 def test_a_fingerprint_tells_a_patch_from_others_and_not_from_itself(seed, side, gain, offset):
     rng = np.random.default_rng(seed)

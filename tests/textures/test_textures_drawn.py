@@ -1,7 +1,6 @@
 """Patches without the user's photographs: from painted pictures, procedural ones, and scikit-image's photographs."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib.machinery import ModuleSpec
 from itertools import islice, pairwise
@@ -17,7 +16,6 @@ from semisynth_gl.dataset.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import clips, image_files, prepare
-from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.borders import Rectangle
 from semisynth_gl.textures.canvas import SIDE_PX
 from semisynth_gl.textures.crops import DuplicateFinder, cover, cut_crop, sharpness_measure
@@ -35,7 +33,7 @@ SECTION = TexturesSection(patch_px=64, scales=(1.0, 2.0))
 VALIDATION = Split(11, "validation", {"validation": 0.1, "test": 0.1})
 
 
-def built(pictures: Iterator[Picture] | list[Picture], files: list[Path] | None = None, **keys: object) -> Atlas:
+def built(pictures, files=None, **keys):
     return build_atlas(files or [], SECTION.model_copy(update=keys), np.random.default_rng(0), pictures)
 
 
@@ -47,7 +45,7 @@ MEANS = (
 
 
 @pytest.mark.parametrize(("kind", "mean"), [*zip(KINDS, MEANS, strict=True)], ids=[kind.__name__ for kind in KINDS])
-def test_every_kind_is_sharp_and_repeats_nothing_and_all_but_plain_ones_have_contrast_at_all_scales(kind, mean) -> None:
+def test_every_kind_is_sharp_and_repeats_nothing_and_all_but_plain_ones_have_contrast_at_all_scales(kind, mean):
     picture = np.asarray(kind(np.random.default_rng(7)))
     assert picture.mean() == pytest.approx(mean, rel=1e-4)
     assert (picture.shape, picture.dtype) == ((SIDE_PX, SIDE_PX, 3), np.uint8)
@@ -69,7 +67,7 @@ def test_every_kind_is_sharp_and_repeats_nothing_and_all_but_plain_ones_have_con
     assert np.abs(np.diff(picture.astype(int), axis=2)).mean() > 3.0  # in colour
 
 
-def test_pictures_come_from_the_generator_alone_and_have_names_of_their_own() -> None:
+def test_pictures_come_from_the_generator_alone_and_have_names_of_their_own():
     first, again, other = (list(islice(drawn_pictures(np.random.default_rng(seed)), 2)) for seed in (3, 3, 4))
     for one, same in zip(first, again, strict=True):
         assert one.name == same.name
@@ -80,7 +78,7 @@ def test_pictures_come_from_the_generator_alone_and_have_names_of_their_own() ->
     assert {picture.name for picture in (*first, *other)} <= set(names)
 
 
-def test_photographs_and_procedural_patches_are_without_pictures() -> None:
+def test_photographs_and_procedural_patches_are_without_pictures():
     for source in ("photographs", "procedural", "images"):
         assert open_source(source).pictures is None
     photographs = TexturesSection(source="photographs", patch_px=128, max_patches=32)
@@ -91,11 +89,11 @@ def test_photographs_and_procedural_patches_are_without_pictures() -> None:
     np.testing.assert_array_equal(prepare_atlas(photographs, Split(0)).layers, prepare_atlas(given, Split(0)).layers)
 
 
-def test_pictures_and_files_take_turns_and_no_more_are_painted_than_needed(tmp_path: Path) -> None:
+def test_pictures_and_files_take_turns_and_no_more_are_painted_than_needed(tmp_path):
     files = save(tmp_path, **{f"{number}": octaves(number, 192) for number in range(6)})
     asked = []
 
-    def endless() -> Iterator[Picture]:
+    def endless():
         while True:
             asked.append(len(asked))
             yield Picture(f"picture-{asked[-1]}", octaves(100 + asked[-1], 192))
@@ -110,7 +108,7 @@ def test_pictures_and_files_take_turns_and_no_more_are_painted_than_needed(tmp_p
     assert len({patch.source for patch in built(endless(), files, max_patches=80).patches}) == len(asked) + 6 > 12
 
 
-def test_what_is_wrong_with_pictures_is_left_out_or_said() -> None:
+def test_what_is_wrong_with_pictures_is_left_out_or_said():
     good, small = Picture("good", octaves(0, 192)), Picture("small", octaves(1)[:40])
     flat = Picture("flat", np.full((192, 192, 3), 90, np.uint8))
     atlas = built([good, flat, small, Picture("again", good.pixels)])
@@ -127,7 +125,7 @@ def test_what_is_wrong_with_pictures_is_left_out_or_said() -> None:
             Picture("mine", pixels)
 
 
-def test_pictures_beside_image_sequences_stay_within_the_layers(tmp_path: Path, monkeypatch) -> None:
+def test_pictures_beside_image_sequences_stay_within_the_layers(tmp_path, monkeypatch):
     monkeypatch.setattr(clips, "MOST_LAYERS", 96)
     files = save(tmp_path, **{f"{number}": octaves(number, 192) for number in range(8)})
     pictures = [Picture(f"picture-{number}", octaves(100 + number, 192)) for number in range(8)]
@@ -136,10 +134,10 @@ def test_pictures_beside_image_sequences_stay_within_the_layers(tmp_path: Path, 
     assert {patch.layer_count for patch in atlas.patches} == {1, 2}
 
 
-def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch):
     painted = list[int]()
 
-    def source(rng: np.random.Generator) -> Iterator[Picture]:
+    def source(rng):
         for number in range(4):
             seed = int(rng.integers(1 << 30))
             painted.append(seed)
@@ -159,7 +157,7 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPat
     assert len(painted) == 8
 
 
-def test_a_dataset_tells_of_its_pictures(tmp_path: Path) -> None:
+def test_a_dataset_tells_of_its_pictures(tmp_path):
     config = cheap(textures={"source": "builtin", "patch_px": 128, "max_patches": 8})
     generate(config, tmp_path / "o", {"train": 1, "validation": 1}, 2, layout="webdataset")
     values = json.loads((tmp_path / "o/index.json").read_text())
@@ -177,7 +175,7 @@ def test_a_dataset_tells_of_its_pictures(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("side_px", [16, 33, 128])
-def test_procedural_patches_have_texture_and_come_from_the_generator_alone(side_px: int) -> None:
+def test_procedural_patches_have_texture_and_come_from_the_generator_alone(side_px):
     first, again, other = (procedural_atlas(np.random.default_rng(seed), 20, side_px).layers for seed in (1, 1, 2))
     assert (first.shape, first.dtype) == ((20, side_px, side_px, 4), np.uint8)
     assert min(texture_of(layer[..., :3]) for layer in first) > 3.0
@@ -185,7 +183,7 @@ def test_procedural_patches_have_texture_and_come_from_the_generator_alone(side_
     assert len({layer.tobytes() for layer in (*first, *other)}) == 40
 
 
-def test_builtin_photographs_are_there_and_none_is_an_evaluation_image() -> None:
+def test_builtin_photographs_are_there_and_none_is_an_evaluation_image():
     paths = builtin_photographs()
     assert len(paths) >= 8
     assert not any("motorcycle" in path.name for path in paths)
@@ -194,9 +192,7 @@ def test_builtin_photographs_are_there_and_none_is_an_evaluation_image() -> None
 
 
 @pytest.mark.parametrize("is_installed", [False, True])
-def test_photographs_that_are_not_there_are_named(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, is_installed: bool
-) -> None:
+def test_photographs_that_are_not_there_are_named(monkeypatch, tmp_path, *, is_installed):
     spec = ModuleSpec("skimage", None, is_package=True)
     spec.submodule_search_locations = [str(tmp_path)]
     monkeypatch.setattr(image_files, "find_spec", lambda _: spec if is_installed else None)

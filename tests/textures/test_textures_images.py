@@ -6,13 +6,11 @@ import tracemalloc
 import warnings
 import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from PIL import Image, ImageFile
 
 from semisynth_gl.inputs.errors import InputError, ReadError
@@ -20,20 +18,20 @@ from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import MAX_PIXELS, ImageError, image_extensions, read_image, stored_size
 
 
-def levels(*shape: int) -> NDArray[np.uint8]:
+def levels(*shape):
     return np.random.default_rng(3).integers(0, 256, shape, dtype=np.uint8)
 
 
-def as_rgb(grey: NDArray[Any]) -> NDArray[np.uint8]:
+def as_rgb(grey):
     return np.repeat(grey[..., np.newaxis], 3, axis=2).astype(np.uint8)
 
 
-def save(image: Image.Image, path: Path, **options: Any) -> Path:  # what Pillow takes
+def save(image, path, **options):  # what Pillow takes
     image.save(path, **options)
     return path
 
 
-def test_rgb_grey_palette_and_one_bit_are_read_bit_for_bit_contiguous_and_with_their_own_memory(tmp_path: Path) -> None:
+def test_rgb_grey_palette_and_one_bit_are_read_bit_for_bit_contiguous_and_with_their_own_memory(tmp_path):
     pixels, grey = levels(13, 17, 3), levels(9, 11)
     for name in ("a.png", "a.bmp", "a.tif", "a.ppm", "a.tga"):
         read = read_image(save(Image.fromarray(pixels), tmp_path / name))
@@ -50,7 +48,7 @@ def test_rgb_grey_palette_and_one_bit_are_read_bit_for_bit_contiguous_and_with_t
     np.testing.assert_array_equal(read_image(save(Image.fromarray(bits), tmp_path / "1.png")), as_rgb(bits * 255))
 
 
-def test_transparent_pixels_become_mid_grey_in_every_mode(tmp_path: Path) -> None:
+def test_transparent_pixels_become_mid_grey_in_every_mode(tmp_path):
     pixels = np.full((4, 6, 4), (100, 50, 10, 255), dtype=np.uint8)
     pixels[0] = (255, 0, 255, 0)  # the garbage that an editor leaves behind
     pixels[1, 0, 3] = 128
@@ -76,7 +74,7 @@ def test_transparent_pixels_become_mid_grey_in_every_mode(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
-def test_white_is_that_of_the_sensor_whose_values_the_folder_holds(tmp_path: Path, bits: int) -> None:
+def test_white_is_that_of_the_sensor_whose_values_the_folder_holds(tmp_path, bits):
     white = 2**bits - 1
     bright, dark = (np.rint(np.array([[0, 0.1, 0.123, share]]) * white).astype(np.uint16) for share in (0.9, 0.2))
     paths = [save(Image.fromarray(values), tmp_path / name) for values, name in ((dark, "a.png"), (bright, "b.png"))]
@@ -85,7 +83,7 @@ def test_white_is_that_of_the_sensor_whose_values_the_folder_holds(tmp_path: Pat
         np.testing.assert_array_equal(read_image(path), as_rgb(np.floor(values * (255 / white) + 0.5)))
 
 
-def test_32_bit_integers_are_16_bit_levels_and_floats_are_refused(tmp_path: Path) -> None:
+def test_32_bit_integers_are_16_bit_levels_and_floats_are_refused(tmp_path):
     values = np.array([[0, 65535, 25700]], dtype=np.int32)
     path = save(Image.fromarray(values), tmp_path / "i.tif")
     for beyond in (65536, -1):  # the first decides the level of the folder
@@ -97,7 +95,7 @@ def test_32_bit_integers_are_16_bit_levels_and_floats_are_refused(tmp_path: Path
         read_image(save(Image.fromarray(np.ones((4, 4), np.float32)), tmp_path / "f.tif"))
 
 
-def test_colours_that_are_not_rgb(tmp_path: Path) -> None:
+def test_colours_that_are_not_rgb(tmp_path):
     cmyk = Image.new("CMYK", (32, 32), (0, 255, 255, 0))
     np.testing.assert_array_equal(read_image(save(cmyk, tmp_path / "a.tif"))[0, 0], (255, 0, 0))
     # Adobe's JPEG has inverted levels.
@@ -120,7 +118,7 @@ UPRIGHT_FROM_STORED = {
 
 @pytest.mark.parametrize("orientation", UPRIGHT_FROM_STORED)
 @pytest.mark.parametrize("name", ["a.png", "grey8.tif", "grey16.tif"])
-def test_exif_orientation(tmp_path: Path, orientation: int, name: str) -> None:
+def test_exif_orientation(tmp_path, orientation, name):
     exif = Image.Exif()
     exif[0x0112] = orientation
     grey = levels(5, 7)  # what Pillow would map into memory
@@ -134,8 +132,8 @@ def test_exif_orientation(tmp_path: Path, orientation: int, name: str) -> None:
     assert read.flags.c_contiguous
 
 
-def png(width: int, height: int) -> bytes:
-    def chunk(kind: bytes, data: bytes) -> bytes:
+def png(width, height):
+    def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
@@ -143,9 +141,7 @@ def png(width: int, height: int) -> bytes:
 
 
 @pytest.mark.parametrize(("width", "height"), [(int(MAX_PIXELS**0.5) + 1,) * 2, (65536, 65536), (0, 5), (0, 0)])
-def test_too_many_pixels_and_none_are_refused_before_decoding(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int, height: int
-) -> None:
+def test_too_many_pixels_and_none_are_refused_before_decoding(tmp_path, monkeypatch, width, height):
     monkeypatch.setattr(ImageFile.ImageFile, "load", lambda _: pytest.fail("was decoded"))
     path = tmp_path / "large.png"
     path.write_bytes(png(width, height))
@@ -159,7 +155,7 @@ def test_too_many_pixels_and_none_are_refused_before_decoding(
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif", "a.webp"])
-def test_truncated_files_are_refused(tmp_path: Path, name: str) -> None:
+def test_truncated_files_are_refused(tmp_path, name):
     options = {"a.jpg": {"progressive": True}, "a.tif": {"compression": "tiff_deflate"}}.get(name, {})
     path = save(Image.fromarray(levels(64, 64, 3)), tmp_path / name, **options)
     whole = path.read_bytes()
@@ -179,7 +175,7 @@ def test_truncated_files_are_refused(tmp_path: Path, name: str) -> None:
         (None, "No such file"),
     ],
 )
-def test_what_is_no_image_is_refused_with_a_reason(tmp_path: Path, text: str | None, reason: str) -> None:
+def test_what_is_no_image_is_refused_with_a_reason(tmp_path, text, reason):
     path = tmp_path / "text.jpg"
     if text is not None:
         path.write_text(text)
@@ -191,12 +187,12 @@ def test_what_is_no_image_is_refused_with_a_reason(tmp_path: Path, text: str | N
         assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # noqa: S301  # our own bytes
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=50, suppress_health_check=list(HealthCheck))
 @given(
     name=st.sampled_from(["a.png", "a.jpg", "a.tif", "a.gif", "a.bmp", "a.webp"]),
     edits=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=6),
 )
-def test_damaged_bytes_give_pixels_or_an_image_error(tmp_path: Path, name: str, edits: list[tuple[float, int]]) -> None:
+def test_damaged_bytes_give_pixels_or_an_image_error(tmp_path, name, edits):
     path = save(Image.fromarray(levels(24, 24, 3)), tmp_path / name)
     data = bytearray(path.read_bytes())
     for at, value in edits:
@@ -212,7 +208,7 @@ def test_damaged_bytes_give_pixels_or_an_image_error(tmp_path: Path, name: str, 
             assert (read.dtype, read.shape[2]) == (np.uint8, 3)
 
 
-def test_find_images_in_files_folders_and_globs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_find_images_in_files_folders_and_globs(tmp_path, monkeypatch):
     names = ["b.PNG", "a.jpg", "below/deep/c.tif", "below/d.webp", "notes.txt", "below/disparity.pfm", "x.eps"]
     for name in [*names, "odd [1]/e.png", ".hidden/f.png"]:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -221,7 +217,7 @@ def test_find_images_in_files_folders_and_globs(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "broken.jpg").symlink_to(tmp_path / "nothing")
     (tmp_path / "below" / "loop").symlink_to(tmp_path / "below")
 
-    def relative(*sources: str | Path) -> list[str]:
+    def relative(*sources):
         return [path.resolve().relative_to(tmp_path).as_posix() for path in find_images(sources)]
 
     every = ["a.jpg", "b.PNG", "below/d.webp", "below/deep/c.tif", "odd [1]/e.png"]

@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from photograph_like import noise
+from samplers import patches, sampler_of
 
 from semisynth_gl.config import load_config
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.instances import map_patches, new_instances
-from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
@@ -87,22 +86,18 @@ def test_pictures_are_kept_in_memory_where_large_patches_may_be_cut_from_them(mo
         assert large == {f"mine/{number}" for number in range(1, most, 2)}
 
 
-SMALL = tuple(Patch("s", 0, 0, 256, k, 1, 9.0) for k in range(5))
+SMALL = patches()
 LARGE = tuple(Patch("l", 0, 0, 1024, 5 + k, 1, 9.0, large=True) for k in range(2))
-
-
-def sampler_of(config, patches):
-    return SceneSampler(config, 0, build_library(config.models, config.particles, Split(0)), patches)
 
 
 def test_walls_wear_them_and_no_patch_repeats_across_the_view():
     config = load_config("middlebury", ["textures.large_px=1024", "structures.panels=3", "models.complex=0"])
-    sampled = sampler_of(config, (*SMALL, *LARGE)).sample(0)
+    sampled = sampler_of(config, worn=(*SMALL, *LARGE)).sample(0)
     still = sampled.scene.model < len(SURFACE_MODELS)
     assert still.sum() == 9
     patch = sampled.instances["patch"]
     assert set(patch[still]) <= {5, 6}
-    plain = sampler_of(config, SMALL).sample(0).scene
+    plain = sampler_of(config, worn=SMALL).sample(0).scene
     # On the screen a patch is at least as wide as the image: the same UV spans fewer patches than of small ones.
     shown = plain.uv_scale[still] / sampled.scene.uv_scale[still]
     assert (shown >= 1024 / 256 - 1e-9).all()
@@ -112,7 +107,7 @@ def test_walls_wear_them_and_no_patch_repeats_across_the_view():
     np.testing.assert_array_equal(plain.uv_scale[same], sampled.scene.uv_scale[same])
     np.testing.assert_array_equal(plain.uv_offset[same], sampled.scene.uv_offset[same])
     many = tuple(replace(LARGE[0], first_layer=5 + k) for k in range(24))
-    assert len({*sampler_of(config, (*SMALL, *many)).sample(0).instances["patch"][still]}) == 9
+    assert len({*sampler_of(config, worn=(*SMALL, *many)).sample(0).instances["patch"][still]}) == 9
 
 
 def test_of_a_large_surface_one_patch_spans_the_view():
@@ -130,7 +125,7 @@ def test_what_is_seen_of_a_surface_shows_a_patch_about_once(config):
     kind = {"middlebury": "room", "kitti": "street"}[config]
     overrides = ["scenes=[]", f"background={{cuboid: 0, plane: 0, {kind}: 1}}", "particles.layers=[{count: 20}]"]
     config = load_config(config, [*overrides, "disparity.target={form: uniform}", "models.variants=1"])
-    sampler = sampler_of(config, (*SMALL, *LARGE))
+    sampler = sampler_of(config, worn=(*SMALL, *LARGE))
     once, small, models = [], [], 0
     for index in range(4):
         sampled = sampler.sample(index)

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from samplers import sampler_of
 from tiny_datasets import cheap
 
-from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 from semisynth_gl.textures.shares import MOST_TIMES, equal_shares, patch_chances
 
@@ -37,8 +35,7 @@ def test_patches_share_the_chance_of_their_subject():
 
 def worn(config, patches, scenes):
     """The patches of many surfaces: those of small ones, and those of walls and panels."""
-    library = build_library(config.models, config.particles, Split(0))
-    sampler = SceneSampler(config, 0, library, patches)
+    sampler = sampler_of(config, worn=patches)
     sampled = [sampler.sample(number) for number in range(scenes)]
     patch = np.concatenate([each.instances["patch"] for each in sampled])
     large = np.array([each.large for each in patches])[patch]
