@@ -765,8 +765,9 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory, data, extension):
         "P2: " + "11 " * 200 + "x\nP_rect_02: " + "1." * 50_000 + "x\n",
         "cam0=" + " " * 200_000 + "x\n",
         "P2" + "\n" * 100_000 + "x\nP2:" + " " * 100_000 + "x\n",
+        "%YAML:1.0\n" + "\n" * 100_000 + "x\n",
     ],
-    ids=["mapping", "list", "numbers", "spaces", "lines"],
+    ids=["mapping", "list", "numbers", "spaces", "lines", "opencv"],
 )
 @pytest.mark.parametrize("extension", ["yaml", "txt"])
 def test_large_files_of_other_things_are_refused_soon(tmp_path, text, extension):
