@@ -107,7 +107,7 @@ def label_of(name: Name, cameras: tuple[str, str] | None = None, *, rotation: bo
     if left or right:
         return "" if left and right else "left" if left else "right"
     numbers = next((numbers for part in reversed(name) if (numbers := re.findall(r"\d+", part))), [])
-    return str(int(numbers[-1])) if numbers else ""
+    return (numbers[-1].lstrip("0") or "0") if numbers else ""
 
 
 def kind_of(entry: Entry) -> tuple[str, Array] | None:
@@ -158,7 +158,9 @@ def is_camera_matrix(k: Array) -> bool:
 
 def is_rotation(r: Array) -> bool:
     """Return whether (3, 3) numbers are a rotation."""
-    return np.allclose(r @ r.T, np.eye(3), atol=_PRINTED) and bool(np.linalg.det(r) > 0)
+    # No number of a rotation exceeds 1, and much larger numbers would overflow.
+    small = np.abs(r).max() < 1 + _PRINTED
+    return bool(small and np.allclose(r @ r.T, np.eye(3), atol=_PRINTED) and np.linalg.det(r) > 0)
 
 
 def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
