@@ -12,7 +12,7 @@ from semisynth_gl.histogram import Histogram
 
 # Number of points per bin at which a density is evaluated.
 _POINTS = 16
-# Number of bins of a target that states none.
+# Number of bins of targets other than histograms.
 _BINS = 24
 
 
@@ -38,8 +38,8 @@ class UniformDepthTarget(Section):
 class GammaTarget(Section):
     """A gamma distribution: one hump with a long tail of large disparities.
 
-    The distribution begins at ``origin_px``. ``mean_px`` and ``spread_px``, the standard deviation, hold before it
-    is cut at ``disparity.min_px`` and ``disparity.max_px``.
+    The distribution begins at ``origin_px``. Its mean is ``mean_px``, and its standard deviation ``spread_px``, before
+    it is truncated to the disparities from ``disparity.min_px`` to ``disparity.max_px``.
     """
 
     form: Literal["gamma"]
@@ -52,13 +52,11 @@ class GammaTarget(Section):
         yield self.mean_px - self.origin_px < SMALLEST, text, ("mean_px", "origin_px")
 
     def histogram(self, edges_px: NDArray[np.float64]) -> Histogram:
-        """Integrate the distribution over bins of equal width with edges (K + 1,).
+        """Integrate the distribution over bins of equal width with edges (K + 1,), and truncate it to them.
 
-        Its density is x^(k - 1) exp(-x / theta), with x and the mean counted from the origin, k = (mean / spread)^2 and
-        theta = spread^2 / mean.
+        Its density is proportional to x^(shape - 1) exp(-x / scale), where x is the distance from the origin.
         """
-        mean_px = self.mean_px - self.origin_px
-        shape, scale = (mean_px / self.spread_px) ** 2, self.spread_px**2 / mean_px
+        shape, scale = self._shape_and_scale()
         width = np.diff(edges_px) / _POINTS
         at = edges_px[:-1, None] + (np.arange(_POINTS) + 0.5) * width[:, None] - self.origin_px
         after = np.maximum(at, np.finfo(np.float64).tiny)
@@ -66,6 +64,17 @@ class GammaTarget(Section):
         logarithm = np.where(at > 0, (shape - 1) * np.log(after) - after / scale, -1e300)
         # The largest density may be far from 1, so it is scaled to 1.
         return Histogram.from_counts(edges_px, np.exp(logarithm - logarithm.max()).sum(axis=1))
+
+    def share_below(self, disparity_px: float) -> float:
+        """Return the share of the distribution, before it is truncated, below a disparity."""
+        from scipy.special import gammainc  # noqa: PLC0415 - slow to load
+
+        shape, scale = self._shape_and_scale()
+        return float(gammainc(shape, max(disparity_px - self.origin_px, 0.0) / scale))
+
+    def _shape_and_scale(self) -> tuple[float, float]:
+        mean_px = self.mean_px - self.origin_px
+        return (mean_px / self.spread_px) ** 2, self.spread_px**2 / mean_px
 
 
 class HistogramTarget(Section):
@@ -91,18 +100,14 @@ TargetSection = Annotated[
 
 
 def shares_beyond(target: TargetSection, min_px: float, max_px: float) -> tuple[float, float]:
-    """Return the shares of a target below ``min_px`` and above ``max_px``.
-
-    Of a gamma distribution, which is cut there, only the disparities within ``spread_px`` of its mean count.
-    """
+    """Return the shares of a target, before it is truncated, below ``min_px`` and above ``max_px``."""
     match target:
         case UniformDepthTarget():
             return 0.0, 0.0
+        case GammaTarget():
+            return target.share_below(min_px), 1 - target.share_below(max_px)
         case UniformTarget():
             whole = Histogram.from_counts(target.ends(min_px, max_px), [1.0])
-        case GammaTarget():
-            first_px = max(target.origin_px, target.mean_px - target.spread_px)
-            whole = Histogram.from_counts([first_px, target.mean_px + target.spread_px], [1.0])
         case HistogramTarget():
             whole = target.histogram()
     below, to_end = whole.cumulative([min_px, max_px]).tolist()

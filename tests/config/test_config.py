@@ -226,6 +226,22 @@ def test_a_gamma_between_two_points_of_the_range_is_a_distribution():
     assert shares.sum() == pytest.approx(1)
 
 
+@pytest.mark.parametrize(
+    ("limits", "target", "shares"),
+    [
+        ((25, 300), {"mean_px": 30, "spread_px": 30}, "56.5% of the pixels below disparity.min_px and 0.0% above"),
+        ((40, 100), {"mean_px": 60, "spread_px": 30}, "27.9% of the pixels below disparity.min_px and 10.1% above"),
+        ((45, 105), {"mean_px": 65, "spread_px": 30, "origin_px": 5}, "27.9% of the pixels .* and 10.1% above"),
+        ((-5, 3), {"mean_px": 4, "spread_px": 0.01}, "0.0% of the pixels below disparity.min_px and 100.0% above"),
+    ],
+)
+def test_the_shares_of_a_gamma_beyond_the_limits_are_its_own(limits, target, shares):
+    low, high = limits
+    values = {"disparity": {"signed": True, "min_px": low, "max_px": high, "target": {"form": "gamma", **target}}}
+    with pytest.raises(InputError, match=rf"disparity.target wants {shares}"):
+        load_config("eth3d", values)
+
+
 def test_a_later_focal_length_takes_back_the_earlier():
     config = load_config("middlebury", ["camera.focal_mm=4", "camera.sensor_width_mm=6"])
     assert (config.camera.focal_px, config.camera.sensor_width_mm) == (None, 6)
