@@ -1,6 +1,6 @@
 # The public names, each once: type checkers read them here, and lazy_loader loads them at their first use.
 
-from .calibration.calibrate import Calibration as Calibration
+from .calibration.calibrate import CalibratedConfig as CalibratedConfig
 from .calibration.calibrate import calibrate as calibrate
 from .config import Config as Config
 from .config import load_config as load_config

@@ -1,4 +1,4 @@
-"""Adapters for formats that the finder cannot read by names: each gives the values names that the finder knows."""
+"""Adapters for formats whose names the finder does not know: each renames the values."""
 
 from collections.abc import Callable, Mapping
 
@@ -11,7 +11,7 @@ from semisynth_gl.calibration.tree import Array, FormatError, Tree
 from semisynth_gl.frame.raw_camera import rotation_of
 from semisynth_gl.inputs.errors import abbreviate, shown
 
-# Sizes of ZED's modes.
+# Image sizes of ZED's modes.
 _ZED_SIZES = {
     "4K": Size(3840, 2160),
     "QHDPLUS": Size(3200, 1800),
@@ -22,37 +22,37 @@ _ZED_SIZES = {
     "SVGA": Size(960, 600),
     "VGA": Size(672, 376),
 }
-# DepthAI's types of a camera, and the number of coefficients that count.
+# DepthAI's camera types: the lens model, and its number of coefficients; files have 14 for each lens.
 _DEPTHAI_LENSES = {0: ("radtan", 14), 1: ("fisheye", 4)}
 
 
-Format = tuple[Tree, tuple[str, str] | None]
-"""Values by names that tell, lengths in metres; labels of the left and the right camera, None for the only two."""
+RenamedTree = tuple[Tree, tuple[str, str] | None]
+"""Renamed values, lengths in metres; and labels of the left and right camera, None if the file has only two cameras."""
 
 
-def middlebury(tree: Tree, _size: Size | None) -> Format | None:
+def middlebury(tree: Tree, _size: Size | None) -> RenamedTree | None:
     """Read calib.txt of Middlebury and ETH3D: cam0, cam1, and the baseline in mm."""
     if not tree.keys() >= {("cam0",), ("cam1",), ("baseline",)}:
         return None
     return tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)}, None
 
 
-def zed(tree: Tree, size: Size | None) -> Format | None:
-    """Read ZED's SN*.conf: cameras for each mode, the translation in mm, the turn as a rotation vector."""
+def zed(tree: Tree, size: Size | None) -> RenamedTree | None:
+    """Read ZED's SN*.conf: cameras for each mode, the translation in mm, and a rotation vector."""
     if ("STEREO", "Baseline") not in tree:
         return None
-    modes = (name[0].removeprefix("LEFT_CAM_") for name in tree)
-    mode = _chosen({mode: _ZED_SIZES[mode] for mode in modes if mode in _ZED_SIZES}, size)
-    eyes = {"LEFT_CAM_" + mode: "left", "RIGHT_CAM_" + mode: "right"}
-    made: Tree = {(eyes[name[0]], name[-1]): value for name, value in tree.items() if name[0] in eyes}
-    shift = [-abs(_number(tree, "STEREO", "Baseline"))]
-    shift += [_number(tree, "STEREO", name, missing=0.0) for name in ("TY", "TZ")]
-    turn = [_number(tree, "STEREO", f"{axis}_{mode}", missing=0.0) for axis in ("RX", "CV", "RZ")]
-    made |= {("R",): np.array(turn), ("T",): np.array(shift) / 1000, ("size",): np.array(_ZED_SIZES[mode], float)}
+    modes = dict.fromkeys(name[0].removeprefix("LEFT_CAM_") for name in tree)
+    mode = _chosen({known: _ZED_SIZES[known] for known in modes if known in _ZED_SIZES}, size)
+    eye_of = {f"LEFT_CAM_{mode}": "left", f"RIGHT_CAM_{mode}": "right"}
+    made: Tree = {(eye_of[name[0]], name[-1]): value for name, value in tree.items() if name[0] in eye_of}
+    t_mm = [-abs(_number(tree, "STEREO", "Baseline"))]
+    t_mm += [_number(tree, "STEREO", key, missing=0.0) for key in ("TY", "TZ")]
+    rotation = [_number(tree, "STEREO", f"{key}_{mode}", missing=0.0) for key in ("RX", "CV", "RZ")]
+    made |= {("R",): np.array(rotation), ("T",): np.array(t_mm) / 1000, ("size",): np.array(_ZED_SIZES[mode], float)}
     return made, None
 
 
-def realsense(tree: Tree, size: Size | None) -> Format | None:
+def realsense(tree: Tree, size: Size | None) -> RenamedTree | None:
     """Read the calibration that RealSense's viewer saves: rectified cameras for each size, the baseline in mm."""
     numbers = [name[1] for name in tree if name[0] == "rectified" and name[-1] == "fx"]
     if not numbers or ("baseline",) not in tree:
@@ -63,7 +63,7 @@ def realsense(tree: Tree, size: Size | None) -> Format | None:
     return made | {("baseline",): np.array(abs(_number(tree, "baseline")) / 1000)}, None
 
 
-def mrcal(tree: Tree, _size: Size | None) -> Format | None:
+def mrcal(tree: Tree, _size: Size | None) -> RenamedTree | None:
     """Read .cameramodel files of mrcal: K and D in one list, and the camera's pose as rotation and translation."""
     made = dict(tree)
     for name in (name[:-1] for name in tree if name[-1] == "lensmodel"):
@@ -76,8 +76,8 @@ def mrcal(tree: Tree, _size: Size | None) -> Format | None:
     return (made, None) if len(made) > len(tree) else None
 
 
-def depthai(tree: Tree, _size: Size | None) -> Format | None:
-    """Read what DepthAI's eepromToJsonFile writes of an OAK: cameras by socket, linked by poses in cm."""
+def depthai(tree: Tree, _size: Size | None) -> RenamedTree | None:
+    """Read what DepthAI's eepromToJsonFile writes about an OAK: cameras by socket, linked by poses in cm."""
     made: Tree = {}
     cameras = dict.fromkeys(name[:2] for name in tree if name[0] == "cameraData" and len(name) > 2)
     for camera in cameras:
@@ -90,7 +90,7 @@ def depthai(tree: Tree, _size: Size | None) -> Format | None:
             (f"cam{socket}", "D"): _array(tree, *values, "distortionCoeff")[:count],
             (f"cam{socket}", "model"): model,
         }
-        # The last camera of a chain leads to -1, with an empty rotation or one of zeros.
+        # The last camera of the chain has toCameraSocket -1, and an empty rotation or only zeros.
         turn, shift = (_array(tree, *values, "extrinsics", key) for key in ("rotationMatrix", "translation"))
         if (turn.size, shift.size) == (9, 3) and is_rotation(turn.reshape(3, 3)):
             there = int(_number(tree, *values, "extrinsics", "toCameraSocket", missing=-1))
@@ -101,8 +101,8 @@ def depthai(tree: Tree, _size: Size | None) -> Format | None:
     return made, (str(left), str(right))
 
 
-def kitti(tree: Tree, _size: Size | None) -> Format | None:
-    """Read KITTI's files: of several cameras, the colour cameras are meant, or else the grey ones."""
+def kitti(tree: Tree, _size: Size | None) -> RenamedTree | None:
+    """Read KITTI's files: the colour cameras, or else the grey ones."""
     names = {name[-1] for name in tree}
     for pair in (("2", "3"), ("0", "1")):
         if any({form + number for number in pair} <= names for form in ("P_rect_0", "P")):
@@ -110,18 +110,18 @@ def kitti(tree: Tree, _size: Size | None) -> Format | None:
     return None
 
 
-Adapter = Callable[[Tree, Size | None], Format | None]
+Adapter = Callable[[Tree, Size | None], RenamedTree | None]
 ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti)
-"""Each reads a tree of one format, None for others; the size is the user's or the photographs', None for neither."""
+"""Each returns None for other formats. The size is None unless the user gave one or the photographs have one."""
 
 
 def _chosen(sizes: Mapping[str, Size], size: Size | None) -> str:
-    """Return the mode whose images have a size, or the only mode. Raises FormatError where no mode has it."""
+    """Return the mode whose images have this size, or without a size the only mode; raises FormatError if none fits."""
     fitting = [mode for mode, own in sizes.items() if own == size or (size is None and len(sizes) == 1)]
     if fitting:
         return fitting[0]
     got = "" if size is None else f", got {size}"
-    raise FormatError(f"is for images of {abbreviate([*map(str, sizes.values())])}{got}: give yours, --size")
+    raise FormatError(f"is for images of {abbreviate([*map(str, sizes.values())])}{got}: choose one of these, --size")
 
 
 def _array(tree: Tree, *name: str) -> Array:

@@ -1,4 +1,4 @@
-"""Making a config for `generate` from a rig's calibration and photographs."""
+"""Makes a config for `generate` from a rig's calibration and photographs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import disparity_range
-from semisynth_gl.calibration.draft import Draft, describe
+from semisynth_gl.calibration.draft import ConfigDraft, describe
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.rig_files import read_rig
 from semisynth_gl.calibration.sizes import Size, check_sizes, most_common_size, photograph_sizes
@@ -26,14 +26,14 @@ from semisynth_gl.textures.prepare import prepare_atlas
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
-    """A config for a rig, and lines about its making.
+class CalibratedConfig:
+    """A config for a rig, and texts about how it was made.
 
     Attributes:
         config: the config.
         text: the config as YAML.
         summary: lines about the config, as ``semisynth-gl calibrate`` prints them.
-        notes: sentences on what was concluded or left out.
+        notes: sentences on what was guessed, and what was ignored.
     """
 
     config: Config
@@ -62,38 +62,38 @@ def calibrate(
     trials: int = 6,
     name: str = "calibrated",
     listener: Listener | None = None,
-) -> Calibration:
-    """Make a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from.
+) -> CalibratedConfig:
+    """Make a config for a rig: its cameras, its range of disparities, and the photographs that give patches.
 
     Args:
-        images: the photographs, rectified or as the cameras take them: files, folders and globs.
-        calib: calibration files of most tools that write YAML, JSON, XML, .npz, .npy or text. Where they state the
-            cameras before rectification, the config gets the section lens, for which OpenCV is needed.
-        focal_px: focal length; with ``baseline_m`` and ``size``, instead of ``calib``.
+        images: the photographs, raw or rectified: files, folders and globs.
+        calib: calibration files of most tools that write YAML, JSON, XML, .npz, .npy or text. If they describe the
+            cameras before rectification, the config gets the section lens, which needs OpenCV.
+        focal_px: focal length. It replaces ``calib``, together with ``baseline_m`` and ``size``.
         baseline_m: distance between the cameras.
-        size: width and height of the images, px; by default what the calibration states, else the photographs' size.
+        size: width and height of the images, px; by default stated by the calibration, else that of most photographs.
         scale: size of the images relative to the calibrated size, such as 0.5 for half the width.
-        unit: unit of the translation, ``"mm"``, ``"cm"`` or ``"m"``; by default the likeliest.
-        calib_keys: names of values in the files by K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size, where their names
-            do not tell; of the other values, only the size is used then.
-        cameras: names or numbers of the left and the right camera, of a calibration with more than two.
-        alpha: how to rectify a calibration that does not say it, as OpenCV's stereoRectify takes it: from 0, for images
-            without borders, to 1, for as much of the raw images as they can show; by default OpenCV's default, with a
-            view of at most 100 degrees for a fisheye.
-        disparity: disparity maps, true or predicted, from which the wanted histogram is measured.
+        unit: unit of the translation, ``"mm"``, ``"cm"`` or ``"m"``; by default guessed from its length.
+        calib_keys: for K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size, the name of that value in the files. It is for
+            files whose names are not recognised. Of all other values, only the size is used.
+        cameras: names or numbers of the left and the right camera, if the calibration has more than two.
+        alpha: the argument of OpenCV's stereoRectify, for a calibration without P1 and P2. 0 crops all borders, 1 keeps
+            as much of the raw images as possible. The default is OpenCV's, with a view of at most 100 degrees for a
+            fisheye.
+        disparity: disparity maps, ground truth or predictions. The wanted histogram is measured in them.
         png_scale: levels per pixel of disparity in 16-bit PNG maps.
-        range_px: least and largest disparity, instead of ``disparity``.
-        range_m: least and largest distance, instead of ``range_px``.
-        other_camera: whether another camera took the photographs, so that they may have any size.
-        trials: number of pairs to render and measure for each recipe at each of two texture scales; with 0, no pair is
-            rendered, recipes have equal weights, and textures are as in the packaged configs.
+        range_px: smallest and largest disparity, instead of ``disparity``.
+        range_m: smallest and largest distance, instead of ``range_px``.
+        other_camera: whether a different camera took the photographs. They may then have any size.
+        trials: number of pairs to render and measure for each recipe at each of two texture scales. With 0, recipes
+            have equal weights, and textures are as in the packaged configs.
         name: the config's name; runs of characters other than ASCII letters and digits become one hyphen.
-        listener: hears the number of pairs to render, and each finished pair.
+        listener: is told the number of pairs to render, and each finished pair.
 
     Raises:
-        InputError: where an argument is not valid, or arguments do not fit together.
-        ReadError: where a file cannot be read.
-        BackendError: where OpenGL is missing, and ``trials`` is above 0.
+        InputError: if an argument is not valid, or arguments contradict each other.
+        ReadError: if a file cannot be read.
+        BackendError: if OpenGL is missing, and ``trials`` is above 0.
     """
     sources, files, trials = names_of(images), names_of(calib), to_whole("trials", trials, least=0)
     scale = 1.0 if scale is None else to_real("scale", scale, LEAST, 16)
@@ -118,14 +118,14 @@ def calibrate(
     maps = map_files(names_of(disparity))
     disparities = disparity_range(rig, maps, png_scale=png_scale, range_px=range_px, range_m=range_m)
     try:
-        # Raises where OpenCV is missing, or a lens bends two directions of the rectified image to one pixel.
+        # Raises if OpenCV is missing, or if a lens maps two directions of the rectified image to one pixel.
         for eye, raw in (rig.raw or {}).items():
             LensChain(raw, rig.camera, eye, "black")
     except InputError as error:
         rig = replace(rig, raw=None)
-        notes.append(f"the lenses were left out: {error}")
+        notes.append(f"the lenses were ignored: {error}")
     draft = describe(name, rig, sources, disparities, sizes)
-    # Photographs that cannot be used are reported before the trials; the dataset's patches are cached.
+    # Before the trials, so that unusable photographs are reported early. The atlas is cached for `generate`.
     atlas = prepare_atlas(draft.config().textures, Split(0))
     grey = bool((atlas.layers[..., :3] == atlas.layers[..., :1]).all())
     if grey:
@@ -140,18 +140,18 @@ def calibrate(
     patches = counted(atlas.report.total("kept"), "patch")
     source = f"{len(photographs)}{', all grey' * grey}, which give {patches}"
     config = draft.config()
-    return Calibration(config, draft.text(), _summary(draft, config, source), notes)
+    return CalibratedConfig(config, draft.text(), _summary(draft, config, source), notes)
 
 
 def _rig(
     files: Sequence[str], numbers: Mapping[str, Any], photographed: Size | None, about_files: Mapping[str, Any]
 ) -> Rig:
-    """Return the rig that calibration files describe, or that ``numbers``, its focal length, baseline and size, do."""
+    """Return the rig from calibration files, or else from ``numbers``: focal length, baseline and size."""
     needless = {key: value for key, value in numbers.items() if key != "size"} if files else about_files
     for argument, value in needless.items():
         if value is not None:
-            why = "the calibration states it:" if files else "it is about calibration files: give these, or"
-            raise InputError(f"{why} leave it out", argument=argument)
+            states = "the calibration states it: do not give both"
+            raise InputError(states if files else "it needs calibration files", argument=argument)
     if files:
         return read_rig(files, size=numbers["size"], photographed=photographed, **about_files)
     for argument, value in numbers.items():
@@ -162,7 +162,7 @@ def _rig(
     return Rig(camera, "the focal length, baseline and size given")
 
 
-def _summary(draft: Draft, config: Config, photographs: str) -> list[str]:
+def _summary(draft: ConfigDraft, config: Config, photographs: str) -> list[str]:
     """Return lines about the disparities, photographs, scenes and textures of the config."""
     disparity = config.disparity
     totals_px = (px + draft.rig.camera.doffs_px for px in (disparity.max_px, disparity.min_px))

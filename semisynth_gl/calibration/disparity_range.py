@@ -1,4 +1,4 @@
-"""The range and the wanted histogram of disparity: measured from maps, or wide and smooth over a known range."""
+"""The range and the wanted histogram of disparity: measured in maps, or a smooth histogram over a given range."""
 
 import math
 from collections.abc import Sequence
@@ -16,27 +16,26 @@ from semisynth_gl.histogram import Histogram, count_pixels
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.place import read_map
 
-# Quantiles between which the range lies: predictions and lidar have a few values that are far off.
+# The range lies between these quantiles: predictions and lidar have a few outliers.
 _LOWEST, _HIGHEST = 0.001, 0.999
-# Ratio of max_px to the largest measured disparity: the near plane lies at max_px, and objects need room behind it.
+# Ratio of max_px to the largest measured disparity. The near plane is at max_px, and objects must not reach it.
 _HEADROOM = 1.1
-# Largest number of bins. Objects extend in depth, so their disparities cannot follow much narrower bins.
+# Maximum number of bins. Objects extend in depth, so scenes cannot match much narrower bins.
 _MOST_BINS = 22
-# Round widths of bins, to be multiplied by a power of ten.
+# Widths of bins, times a power of ten.
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-# Least width of a range: a config's bins are at least 1e-6 px wide.
-_LEAST_PX = _MOST_BINS * 1e-6
-# A chosen histogram has an even part, of this share, and a hump with its peak at this fraction of the range.
+_LEAST_PX = _MOST_BINS * 1e-6  # minimum width of a range: a config's bins are at least 1e-6 px wide
+# The histogram over a given range has a uniform part of this share, and a hump with its peak at this fraction.
 _EVEN_PART, _HUMP = 0.25, 1 / 6
-# Width of the fine bins: narrow enough for quantiles, and a divisor of all bins of round width from 1 px on.
+# Width of the fine bins: narrow enough for quantiles, and it divides all widths of bins from 1 px on.
 _FINE_PX = 1 / 16
-# Largest ratio of a map's shape to the rig's; beyond it, the map is hardly one of this rig.
-_MOST_SHAPE = 1.5
+# Maximum ratio of the aspect ratios of a map and the rig's images: beyond it, the map belongs to a different rig.
+_MOST_RATIO = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisparityRange:
-    """The values of the section ``disparity``: ends, px, and a histogram with bins of ``bin_px`` from min_px on."""
+    """Values of the section ``disparity``: its limits, and a histogram whose bins of ``bin_px`` begin at min_px."""
 
     min_px: float
     max_px: float
@@ -52,10 +51,10 @@ def disparity_range(
     range_px: tuple[float, float] | None = None,
     range_m: tuple[float, float] | None = None,
 ) -> DisparityRange:
-    """Return the range and the histogram of disparity by maps, a range of disparities or one of distances.
+    """Return the range and the histogram of disparity, from maps, a range of disparities or a range of distances.
 
-    16-bit PNG maps have ``png_scale`` levels per pixel. Raises InputError where nothing gives the range or it does not
-    fit the rig, and ReadError where a map cannot be read.
+    16-bit PNG maps have ``png_scale`` levels per pixel. Raises InputError if none of the three is given, or they do not
+    fit the rig, and ReadError if a map cannot be read.
     """
     focal_baseline, doffs_px = rig.camera.focal_baseline, rig.camera.doffs_px
     if maps:
@@ -64,8 +63,8 @@ def disparity_range(
         return chosen_range(*range_px, doffs_px)
     if range_m is None:
         raise InputError(
-            "missing: give it, or a range of distances, or disparity maps; at a distance of Z m, this rig has "
-            f"{focal_baseline:.4g} / Z - {doffs_px:.4g} px",
+            "missing: give a range of disparities or of distances, or disparity maps; at a distance of Z m, the "
+            f"disparity of this rig is {focal_baseline:.4g} / Z - {doffs_px:.4g} px",
             argument="range_px",
         )
     near_m, far_m = range_m
@@ -78,8 +77,8 @@ def disparity_range(
 def measure_maps(paths: Sequence[Path], size: Size, png_scale: float = KITTI_DISPARITY.steps) -> Histogram:
     """Measure the positive disparities of one or more maps, in fine bins, px in images of ``size``.
 
-    Each map has the same weight. Disparities of a map of another size are multiplied by the ratio of the widths. Raises
-    InputError where a map does not fit the rig or has no value, and ReadError where it cannot be read.
+    Each map has the same weight. If a map has a different size, its disparities are multiplied by the ratio of the
+    widths. Raises InputError if a map does not fit the rig or has no value, and ReadError if it cannot be read.
     """
     edges = np.arange(round(size.width_px / _FINE_PX) + 1) * _FINE_PX
     shares = np.zeros(len(edges) - 1)
@@ -87,11 +86,11 @@ def measure_maps(paths: Sequence[Path], size: Size, png_scale: float = KITTI_DIS
         disparity = read_map(path, png_scale)
         own = Size(*disparity.shape[::-1])
         largest = np.max(disparity, initial=-np.inf, where=np.isfinite(disparity))
-        shape = own.height_px / own.width_px * size.width_px / size.height_px
-        if not (-np.inf < largest <= own.width_px and 1 / _MOST_SHAPE <= shape <= _MOST_SHAPE):
+        ratio = own.height_px / own.width_px * size.width_px / size.height_px
+        if not (-np.inf < largest <= own.width_px and 1 / _MOST_RATIO <= ratio <= _MOST_RATIO):
             raise InputError(
-                f"{path}: has {own} pixels and disparities up to {largest:g} px: expected maps of nearly the shape of "
-                f"the rig's images, {size}, with disparities above 0 and below their width. If a PNG has not "
+                f"{path}: has {own} pixels and disparities up to {largest:g} px: expected about the aspect ratio of "
+                f"the rig's images, {size}, and disparities above 0 and below the map's width. If a PNG does not have "
                 f"{png_scale:g} levels per pixel, give its scale"
             )
         counts = count_pixels(disparity * np.float32(size.width_px / own.width_px), edges)
@@ -100,14 +99,14 @@ def measure_maps(paths: Sequence[Path], size: Size, png_scale: float = KITTI_DIS
 
 
 def measured_range(histogram: Histogram, doffs_px: float = 0.0) -> DisparityRange:
-    """Return the range without the lowest and highest thousandth of the disparities, and the histogram in its bins.
+    """Return the range of the disparities in a histogram with fine bins, such as that of `measure_maps`.
 
-    The range has room above the largest of these disparities. ``histogram`` has fine bins, as that of `measure_maps`.
-    Raises InputError where disparities lie beyond infinity, for cx_right - cx_left of ``doffs_px``.
+    The range leaves out the lowest and the highest thousandth, and is extended by a tenth above the largest disparity.
+    ``doffs_px`` is cx_right - cx_left. Raises InputError if the range reaches -doffs, the disparity of infinity.
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
     _check(low, high + _LEAST_PX, doffs_px)
-    # Rounded down: its distance from the disparity of infinity, or from 0 if that is larger, has two digits.
+    # Round min_px down: its distance from ``farthest``, the disparity of infinity or 0, has two digits.
     farthest = max(0.0, -doffs_px)
     step = 10.0 ** (math.floor(math.log10(low - farthest)) - 1)
     first = farthest + float(f"{math.floor((low - farthest) / step) * step:.6g}")
@@ -116,21 +115,21 @@ def measured_range(histogram: Histogram, doffs_px: float = 0.0) -> DisparityRang
 
 
 def chosen_range(low_px: float, high_px: float, doffs_px: float = 0.0) -> DisparityRange:
-    """Return a known range with a wide and smooth histogram; raises InputError where it is empty or reaches infinity.
+    """Return a given range with a smooth histogram; raises InputError if it is empty or reaches infinity.
 
     ``doffs_px`` is cx_right - cx_left.
     """
     _check(low_px, high_px, doffs_px)
     edges, bin_px = _bins(low_px, high_px)
     inside = np.clip((np.clip(edges, low_px, high_px) - low_px) / (high_px - low_px), 0, 1)
-    # The integral of x exp(-x / h), a gamma distribution of shape 2.
+    # Proportional to the integral of x exp(-x / h): a gamma distribution of shape 2.
     hump = 1 - (1 + inside / _HUMP) * np.exp(-inside / _HUMP)
     cumulative = _EVEN_PART * inside + (1 - _EVEN_PART) * hump / hump[-1]
     return DisparityRange(low_px, high_px, bin_px, Histogram.from_counts(edges, np.diff(cumulative)))
 
 
 def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
-    """Return the edges of up to 22 bins from a range's low end to its high end or beyond, and their round width."""
+    """Return the edges of up to 22 bins from ``low`` to at least ``high``, and the bins' width."""
     least = (high - low) / (_MOST_BINS - 1)  # rounding up the end may add a bin
     power = 10.0 ** math.floor(math.log10(least))
     # Rounded: 3 x 0.1 is 0.30000000000000004.

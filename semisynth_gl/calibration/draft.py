@@ -1,4 +1,4 @@
-"""The draft of a config: what a rig, its photographs and its disparities tell, and the YAML that follows."""
+"""Drafts a config from a rig, its photographs and its disparities, and writes it as YAML."""
 
 import math
 import re
@@ -25,28 +25,28 @@ from semisynth_gl.scene.rig import BEYOND_NEAR
 from semisynth_gl.textures.image_files import printable
 
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
-"""Tried values of textures.texels_per_pixel; without trials, the first."""
+"""The values of textures.texels_per_pixel that trials try; without trials, the first is used."""
 
-# Largest side of large patches, px. Two dozen patches of this side take 100 MB.
+# Maximum side of large patches, px. 24 patches of this side take 100 MB.
 _LARGEST_SIDE = 1024
-# Ratios of fy to fx nearer to 1 are rounding.
+# If fy / fx differs from 1 by at most this, the difference is taken for rounding.
 _SQUARE = 1e-6
 # Diameters of particles as fractions of the image's width, as in the packaged configs: 60 and 420 px of 1500.
 _SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
-# Back walls have the disparities of this farthest share of the wanted pixels. Particles can hide a wall that is too
-# far, but not one that is too near.
+# Back walls have the disparities of this farthest share of the target. Particles can hide a wall that is too far, but
+# not a wall that is too near.
 _WALL_UP_TO = 0.05
-# Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
+# Disparities of the far plane, as fractions of the way from the smallest possible disparity to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
-# Rooms, and most halls, have no pixels farther than this; outdoors a larger share of pixels is farther.
+# Rooms and most halls have no pixels beyond the first value, m. Outdoors, a share above the second value is farther.
 _INDOOR_M, _OUTDOOR_FROM = 20.0, 0.02
-# Ratio of the largest to the smallest depth up to which a street or an open ground would not fit.
+# Below this ratio of the largest to the smallest depth, streets and open ground would not fit.
 _DEPTH_OF_FLAT = 3.0
-# Number of particles in scenes that mostly show other objects. With two to six, views were either empty or full.
+# Number of particles in rooms, streets and still lifes. With two to six, views were either empty or full.
 _FLOATING = [12, 40]
-# Ends of ranges of disparity, as quantiles of the wanted distribution: of these particles, of walls, of panels.
+# Ranges of disparity, as quantiles of the target: those of these particles, of the walls of rooms, and of panels.
 _NEAR, _ROOM_ENDS, _PANELS = (0.4, 0.98), (0.1, 0.4), (0.1, 0.8)
-# Walls and panels must reach this quantile of disparity; else no recipe has them.
+# If walls and panels cannot reach this quantile of the target, there are only recipes without them.
 _STILL_UP_TO = 0.9
 # Sides of panels, as fractions of the image's width.
 _PANEL_OF_WIDTH = (0.3, 1.0)
@@ -54,13 +54,13 @@ _CAMERA_KEYS = ("width_px", "height_px", "focal_px", "baseline_m", "cx_left_px",
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Draft:
-    """What a config is written from.
+class ConfigDraft:
+    """A config that is not written yet, with the rig and the disparities that it is for.
 
     Attributes:
         rig: the rig.
-        disparity: range and wanted histogram of disparity.
-        sections: the config's values as `rounded` returns them; the last of the ``scenes`` is clutter.
+        disparity: the range and the wanted histogram of disparity.
+        sections: the config's values, as `rounded` returns them. The last of the ``scenes`` is clutter.
     """
 
     rig: Rig
@@ -68,11 +68,11 @@ class Draft:
     sections: dict[str, Any]
 
     def config(self) -> Config:
-        """Return the config; raises InputError where its numbers make no valid one."""
+        """Return the config; raises InputError if its values are not valid."""
         return parse_values(self.sections, f"{self.sections['name']}.yaml")
 
     def text(self) -> str:
-        """Return the config as YAML, below a comment on the calibration."""
+        """Return the config as YAML, with a comment that names the calibration."""
         yaml, text = YAML(), StringIO()
         yaml.width = sys.maxsize
         yaml.indent(mapping=2, sequence=4, offset=2)
@@ -86,11 +86,11 @@ class Draft:
 
 def describe(
     name: str, rig: Rig, images: Sequence[str], disparity: DisparityRange, photographed: Sequence[Size]
-) -> Draft:
-    """Describe a config without trials: recipes of equal weights, and textures as in the packaged configs.
+) -> ConfigDraft:
+    """Draft a config without trials: recipes of equal weights, and textures as in the packaged configs.
 
-    Of ``name``, runs of characters other than ASCII letters and digits become one hyphen in the config's name.
-    ``images`` are files, folders and globs with photographs of the sizes ``photographed``.
+    In ``name``, runs of characters other than ASCII letters and digits become one hyphen. ``images`` are files, folders
+    and globs of photographs, which have the sizes ``photographed``.
     """
     camera, recipes = rig.camera, suitable_recipes(rig, disparity)
     sides = sorted(map(min, photographed)) or [0]
@@ -129,7 +129,7 @@ def describe(
         },
         "imperfections": {"blur_px": 0.0},
     }
-    return Draft(rig, disparity, rounded(sections))
+    return ConfigDraft(rig, disparity, rounded(sections))
 
 
 def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:
@@ -148,10 +148,10 @@ def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:
 
 
 def _background(rig: Rig, disparity: DisparityRange) -> dict[str, Any]:
-    """Return a background of back walls, or outdoors of a far plane between min_px and infinity.
+    """Return the section background: a back wall; outdoors, a far plane between min_px and infinity.
 
-    A wall turns so far that it lies in one bin of the target from the image's side to its middle: for a wall of
-    disparity d turned by a, d + doffs becomes (d + doffs) (1 + tan(a) x / f) at x px from the middle.
+    The wall's rotation is limited so that its disparity changes by one bin from the middle of the image to the side: if
+    a wall of disparity d rotates by a, then d + doffs becomes (d + doffs) (1 + tan(a) x / f) at x px from the middle.
     """
     min_px, doffs_px = disparity.min_px, rig.camera.doffs_px
     if is_outdoors(rig, disparity):
@@ -173,7 +173,7 @@ def _background(rig: Rig, disparity: DisparityRange) -> dict[str, Any]:
 def is_outdoors(rig: Rig, disparity: DisparityRange) -> bool:
     """Return whether more than 2 % of the wanted pixels are farther than 20 m.
 
-    A view whose largest depth is less than three times its smallest is indoors: a wall has to close it.
+    A view is indoors if its largest depth is less than three times its smallest: only a wall can end it there.
     """
     doffs_px = rig.camera.doffs_px
     if disparity.max_px + doffs_px < _DEPTH_OF_FLAT * (disparity.min_px + doffs_px):
@@ -184,9 +184,9 @@ def is_outdoors(rig: Rig, disparity: DisparityRange) -> bool:
 def suitable_recipes(rig: Rig, disparity: DisparityRange) -> list[dict[str, Any]]:
     """Return the recipes that suit the wanted disparities.
 
-    Recipes of furnished, open and still scenes state their particles as layers, since their walls, ground and panels
-    already lie at the wanted disparities. Where the range is so narrow that walls cannot reach these, there are no such
-    recipes. The last two recipes are solved for the part of the wanted distribution that the others leave.
+    Rooms, streets and still lifes state their particles as layers, since walls, ground and panels already have the
+    wanted disparities. If the range is too narrow for walls, these recipes are left out. The particles of the last two
+    recipes are solved to fill the part of the target that the other recipes lack.
     """
     width_px, doffs_px = rig.camera.width_px, rig.camera.doffs_px
     # Rounded as in the written config, so that ranges lie within its limits.
@@ -214,7 +214,7 @@ def suitable_recipes(rig: Rig, disparity: DisparityRange) -> list[dict[str, Any]
         {"recipe": "street", "background": {**empty, "street": 1}},
         {"recipe": "still-outdoors", "background": {**empty, "plane": 1}, "structures": {"ground": 1, **panels}},
     ]
-    # Walls and panels keep a distance from the near plane.
+    # Walls and panels keep their distance from the near plane.
     reached = (most + doffs_px) / BEYOND_NEAR - doffs_px >= disparity.target.quantile(_STILL_UP_TO)
     still = (outdoor if is_outdoors(rig, disparity) else indoor) if reached else []
     floating: list[dict[str, Any]] = [{"recipe": "sparse", "particles": {"density": "sparse"}}, {"recipe": "clutter"}]
@@ -222,10 +222,10 @@ def suitable_recipes(rig: Rig, disparity: DisparityRange) -> list[dict[str, Any]
 
 
 def rounded(value: Any) -> Any:  # noqa: ANN401 - any value of a config
-    """Return a config's value as YAML shall have it, without keys that are None, and ranges of equal ends as numbers.
+    """Return a config's value for YAML: keys with the value None are left out, and (x, x) becomes the number x.
 
-    Numbers have ten digits, which is enough for any calibration, and lists of numbers are on one line. Text that is not
-    printable is in quotes: without these, a line break of Unicode in a file's name would be read as a space.
+    Numbers are rounded to ten digits, which is enough for any calibration. Lists of numbers go on one line. Unprintable
+    text is quoted: otherwise a Unicode line break in a file's name would be read as a space.
     """
     match value:
         case bool() | int():

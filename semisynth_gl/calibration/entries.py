@@ -1,4 +1,4 @@
-"""The arrays of a calibration: numbers tell the kind of most, names tell the eye and the kind of the others.
+"""The arrays of a calibration: most kinds are recognised by values, the other kinds and the eyes by names.
 
 Camera matrices, lenses and sizes may also be single numbers, such as fx and cx, k1 and p1, or vectors of them.
 """
@@ -14,21 +14,21 @@ from semisynth_gl.frame.raw_camera import rotation_of
 
 LEFT, RIGHT = {"left", "l", "first"}, {"right", "r", "second"}
 _ROTATIONS = r"rot|rvec|om\b|rodrigues|rmat|quat|orientation"
-# Words that an eye's letter may end, as in mtxL and KR.
+# Words after which a letter means an eye, as in mtxL and KR.
 _BEFORE_A_LETTER = {
     *("k", "d", "m", "p", "r", "mtx", "dist", "cam", "mat", "matrix", "kc", "rot", "rect", "cm"),
     *("coeffs", "coefficients", "distortion", "intrinsic", "intrinsics"),
 }
-# Numbers are printed with six digits.
+# Tolerance of values that are printed with six digits.
 _PRINTED = 1e-4
 _LARGEST = 1e9
-# Beginnings of words in names, and names of sizes in letters only.
 COEFFICIENT_WORDS = "d$|dist|coef|kc|radtan|equidistant"
-"""Beginnings of words in names of a lens's coefficients, as a regular expression."""
+"""Beginnings of words in the names of lens coefficients, as a regular expression."""
+# Names of image sizes, without separators; and beginnings of words in the names of other sizes.
 _SIZE = r"(image|img|im|imager|frame)?size|(image)?resolution|srect|s|wh|(image)?dimensions?|((image|img)?shape|hw)"
 _OTHER_SIZES = "board|pattern|chess|checker|grid|tag|marker|roi|crop"
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
-# Names, without separators, of K's entries, of D's in OpenCV's order, of sides of images, and of vectors of them.
+# Names, without separators, of entries of K and D, of sides of images, and of vectors of these.
 _ALIASES: dict[tuple[str, ...], str] = {
     ("fx",): "fx fcx focallengthx focalx flx mu fu focallengthpx focalpx f focal focallength",
     ("fy",): "fy fcy focallengthy focaly fly mv fv",
@@ -49,35 +49,35 @@ _CAMERAS = {"cam", "camera", "c", "sensor", "stereo", "eye"}
 _PARTS = {(alias, len(parts)): parts for parts, aliases in _ALIASES.items() for alias in aliases.split()}
 
 
-class Entry(NamedTuple):
-    """One array of a tree under its name."""
+class NamedArray(NamedTuple):
+    """An array of a tree, and its name."""
 
     name: Name
     value: Array
 
     @property
     def key(self) -> str:
-        """The last part of the name that is no number, in lower-case letters, without what is in parentheses."""
+        """The last part of the name that is not a number: its letters in lower case, without text in parentheses."""
         return re.sub(r"\(.*?\)|[^a-z]", "", last_part(self.name).lower())
 
     def has(self, beginnings: str) -> bool:
-        """Return whether a word of the name begins as a regular expression says."""
+        """Return whether a word of the name begins with a match of a regular expression."""
         return any(re.match(beginnings, word) for word in words_of(self.name))
 
     @property
     def is_rotation(self) -> bool:
-        """Whether the name is one of a rotation, and of no angles."""
+        """Whether the name means a rotation, but not angles."""
         return self.has(rf"r$|q$|qvec|{_ROTATIONS}") and not self.has("angle|euler|rpy|roll|deg")
 
     @property
     def is_translation(self) -> bool:
-        """Whether the name is one of a translation, and of no rotation but for a letter r, which may mean right."""
+        """Whether the name means a translation. A lone letter r is allowed, since it may mean right."""
         is_named = self.has("tr$|trans(?!form)|trns|tvec|shift|position") or "t" in words_of((last_part(self.name),))
         return is_named and not self.has(_ROTATIONS)
 
 
 def last_part(name: Name) -> str:
-    """Return the last part of a name that is no number; empty for none."""
+    """Return the last part of a name that is not a number; an empty text if all are numbers."""
     return next((part for part in reversed(name) if not part.isdigit()), "")
 
 
@@ -93,9 +93,9 @@ def words_of(name: Name) -> list[str]:
 
 
 def label_of(name: Name, cameras: tuple[str, str] | None = None, *, rotation: bool = False) -> str:
-    """Return which camera a name is of: left, right, a number, one of two chosen names, or "" for none or both.
+    """Return which camera a name states: left, right, a number, one of two chosen names, or "" for none or both.
 
-    In a rotation's name, a lone ``r`` means R. It means right after a word such as ``rot``, or beside a second ``r``.
+    In a rotation's name, a lone ``r`` means R; after a word such as ``rot``, or beside a second ``r``, it means right.
     """
     for each in cameras or ():
         if not each.isdigit() and each.lower() in map(str.lower, name):
@@ -110,8 +110,8 @@ def label_of(name: Name, cameras: tuple[str, str] | None = None, *, rotation: bo
     return (numbers[-1].lstrip("0") or "0") if numbers else ""
 
 
-def kind_of(entry: Entry) -> tuple[str, Array] | None:
-    """Return an entry's kind and its array of that kind; None for other things.
+def kind_of(entry: NamedArray) -> tuple[str, Array] | None:
+    """Return the kind of an array, and the array in that kind's shape; None for other arrays.
 
     Kinds are K, R (3, 3), P (3, 4), Q, pose (4, 4), T (3,), D (N,) in OpenCV's order, and size (2,), width first.
     """
@@ -136,7 +136,7 @@ def _kind_of_matrix(value: Array) -> tuple[str, Array] | None:
     return ("pose", np.vstack([rows[:3], (0, 0, 0, 1)])) if is_pose else None
 
 
-def _kind_by_name(entry: Entry, value: Array) -> tuple[str, Array] | None:
+def _kind_by_name(entry: NamedArray, value: Array) -> tuple[str, Array] | None:
     count = value.size
     if count == 3 and entry.is_translation:
         return "T", value
@@ -147,7 +147,7 @@ def _kind_by_name(entry: Entry, value: Array) -> tuple[str, Array] | None:
     if count == 3 and entry.has("t$"):
         return "T", value
     if count in (2, 3, 4) and not entry.has(_OTHER_SIZES) and (named := re.fullmatch(_SIZE, entry.key)):
-        return "size", value[:2][:: -1 if named[4] else 1]  # shapes are of height and width
+        return "size", value[:2][:: -1 if named[4] else 1]  # group 4 is a shape, which has the height first
     return None
 
 
@@ -169,7 +169,7 @@ def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
 
 
 def _rotation(value: Array) -> Array | None:
-    """Return the rotation of a rotation vector, or of a quaternion whose part that is nearly 1, w, is first or last."""
+    """Return the rotation of a rotation vector, or of a quaternion whose w, which is near 1, is first or last."""
     if value.size == 3 and np.linalg.norm(value) < 2 * np.pi:
         x, y, z = value.tolist()
         return np.array(rotation_of((x, y, z)))
@@ -178,33 +178,33 @@ def _rotation(value: Array) -> Array | None:
     return None
 
 
-def by_columns(entries: Sequence[Entry]) -> Sequence[Entry]:
-    """Transpose all 3 x 3 matrices if K is stored for row vectors, as by MATLAB."""
-    turned = [Entry(e.name, e.value.reshape(3, 3).T) if e.value.size == 9 else e for e in entries]
+def by_columns(entries: Sequence[NamedArray]) -> Sequence[NamedArray]:
+    """Transpose all 3 x 3 matrices if K is stored for row vectors, as MATLAB stores it."""
+    turned = [NamedArray(e.name, e.value.reshape(3, 3).T) if e.value.size == 9 else e for e in entries]
     is_turned = (is_camera_matrix(e.value) and not is_camera_matrix(e.value.T) for e in turned if e.value.size == 9)
     return turned if any(is_turned) else entries
 
 
-def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
-    """Yield entries, and what numbers make together: fx and cx a camera matrix, k1 and k2 a lens."""
+def with_parts(entries: Sequence[NamedArray]) -> Iterator[NamedArray]:
+    """Yield the arrays, and those made of single numbers: a camera matrix of fx and cx, coefficients of k1 and k2."""
     groups: dict[tuple[Name, str], dict[str, float]] = {}
     for entry in entries:
         yield entry
-        # Parts of the name at its end may tell only the camera, as in fx.left.
+        # The last parts of a name may state only the camera, as in fx.left.
         keys = [_part_key(part, entry.value.size) for part in entry.name]
         index = max((index for index, (key, _) in enumerate(keys) if key), default=0)
         key, eye = keys[index]
         for part, number in zip(_PARTS.get((key, entry.value.size), ()), entry.value.ravel().tolist(), strict=False):
             group = entry.name[:index] + entry.name[index + 1 :], eye
             groups.setdefault(group, {}).setdefault(part, number)
-    both = {name for name, eye in groups if eye}  # where numbers without an eye are of both
+    both = {name for name, eye in groups if eye}  # here, numbers without an eye belong to both eyes
     for (name, eye), own in groups.items():
         if eye or name not in both:
             yield from _made((*name, eye) if eye else name, groups.get((name, ""), {}) | own)
 
 
 def _part_key(part: str, count: int) -> tuple[str, str]:
-    """Return the key of a part of a name in `_PARTS`, and the eye's word or number in it; both may be empty."""
+    """Return the key in `_PARTS` of a part of a name, and the word or number that states its eye; both may be empty."""
     words = [word for word in words_of((part,)) if word not in LEFT | RIGHT]
     eye = next((word for word in words_of((part,)) if word in LEFT | RIGHT), "")
     short = "".join(word for word in words if word not in _CAMERAS)
@@ -215,15 +215,16 @@ def _part_key(part: str, count: int) -> tuple[str, str]:
     return re.sub(r"\d", "", short), eye
 
 
-def _made(name: Name, parts: Mapping[str, float]) -> Iterator[Entry]:
+def _made(name: Name, parts: Mapping[str, float]) -> Iterator[NamedArray]:
     if {"fx", "cx", "cy"} <= parts.keys():
-        yield Entry((*name, "K"), camera_matrix(parts["fx"], parts.get("fy", parts["fx"]), parts["cx"], parts["cy"]))
+        k = camera_matrix(parts["fx"], parts.get("fy", parts["fx"]), parts["cx"], parts["cy"])
+        yield NamedArray((*name, "K"), k)
     if {"width", "height"} <= parts.keys():
-        yield Entry((*name, "size"), np.array([parts["width"], parts["height"]]))
+        yield NamedArray((*name, "size"), np.array([parts["width"], parts["height"]]))
     coefficients = parts.keys() & {*_COEFFICIENTS}
     if {"k1", "k2", "p1"} <= coefficients:
         last = max(map(_COEFFICIENTS.index, coefficients))
         names = _COEFFICIENTS[: next(count for count in (4, 5, 8, 12) if count > last)]
-        yield Entry((*name, "radtan"), np.array([parts.get(each, 0.0) for each in names]))
+        yield NamedArray((*name, "radtan"), np.array([parts.get(each, 0.0) for each in names]))
     elif coefficients in ({"k1", "k2", "k3", "k4"}, {"k2", "k3", "k4", "k5"}):
-        yield Entry((*name, "equidistant"), np.array([parts[each] for each in sorted(coefficients)]))
+        yield NamedArray((*name, "equidistant"), np.array([parts[each] for each in sorted(coefficients)]))

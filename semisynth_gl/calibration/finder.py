@@ -1,7 +1,7 @@
 """Finds the arrays of a rig in a tree of values.
 
-Most arrays are told by their numbers: a camera matrix ends in 0 0 1, a rotation is orthonormal, a pose is a rotation
-with a translation. Names tell the eye, and which of several arrays of a kind is meant.
+Most arrays are recognised by their values: a camera matrix ends in 0 0 1, a rotation is orthonormal, a pose is a
+rotation with a translation. Names say which eye an array belongs to, and decide between several arrays of one kind.
 """
 
 import re
@@ -11,7 +11,7 @@ import numpy as np
 
 from semisynth_gl.calibration.entries import (
     COEFFICIENT_WORDS,
-    Entry,
+    NamedArray,
     by_columns,
     camera_matrix,
     kind_of,
@@ -19,7 +19,7 @@ from semisynth_gl.calibration.entries import (
     with_parts,
     words_of,
 )
-from semisynth_gl.calibration.poses import Link, link_of, pose_of, right_from_left
+from semisynth_gl.calibration.poses import RelativePose, link_of, pose_of, right_from_left
 from semisynth_gl.calibration.sizes import Size, upright
 from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel
@@ -27,22 +27,22 @@ from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel
 UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 """Metres per unit of a translation, by the unit's name."""
 
-# Largest baseline, m, that a number without a unit stands for; larger ones are in cm or in mm, whichever is nearer to
-# 12 cm, the baseline of most rigs.
+# A baseline without a unit is taken as metres up to the first value, as cm up to the second, and as mm above. So it is
+# cm or mm, whichever is nearer to 12 cm, the baseline of most rigs.
 _LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
-# Words in names of derived arrays, such as the matrix of rectified images, which lie beside the calibrated ones.
+# Words in the names of derived arrays, such as the matrix of rectified images. Files have them beside calibrated ones.
 _DERIVED = "new|opt|rect|undist|roi|virtual"
 _BASELINE = r"(?:stereo)?baseline(?:lr)?(mm|cm|m|meters|metres)?|b|bl|numbers"
 _FOCAL_TIMES_BASELINE = {"bf", "fb", "focalxbaseline"}
 _LARGEST_SIDE_PX = 99_999
-# Relative tolerance for equal baselines; translations up to this length count as zero.
+# Relative tolerance of equal baselines, and the length up to which a translation is zero.
 _SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
-# Texts by which a flag says that a lens is no fisheye.
+# Values of a flag such as `fisheye` that mean false.
 _FALSE = {"", "false", "no", "off", "none", "0.0", "[0.]"}
 # Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
 _WIDE = 2.4
 
-# What tools call the two models of a lens that are read, and other models; letters and digits only.
+# The names that tools use for the two supported lens models, and for others; letters and digits only.
 _MODELS: Mapping[LensModel, str] = {
     "radial-tangential": r"plumbbob|rationalpolynomial|(pinhole)?rad(ial)?tan(gential)?8?|(modified)?brown(conrady)?"
     r"|lensmodel(pinhole|opencv\d+)",
@@ -59,27 +59,27 @@ Pair = tuple[Array, Array]
 
 
 class StereoArrays:
-    """What a tree of values says of a rig, by OpenCV's names; None for what it does not say.
+    """The arrays of a rig in a tree of values, by OpenCV's names; None for what the tree does not have.
 
     Args:
         tree: values by name.
         source: name of the file or files, for messages.
-        cameras: the left and the right camera of a tree of several.
-        unit: the unit of lengths, a key of `UNITS`; None for the likeliest.
-        size: the size of the images where the tree does not state it.
+        cameras: labels of the left and the right camera, if the tree has more than two.
+        unit: the unit of lengths, a key of `UNITS`; None to guess it.
+        size: the size of the images, if the tree does not state it.
 
     Attributes:
         size: the stated size of the images.
         k: camera matrices (3, 3) before rectification.
         d: coefficients (N,) of both lenses in OpenCV's order.
-        model: their model.
+        model: the model of both lenses.
         pose: R and T as one pose (4, 4), right_from_left, metres.
         rectification: R1 and R2, rectified_from_raw of both eyes, (3, 3).
         p: projection matrices (3, 4) of the rectified images, the last column in pixels times metres.
-        notes: sentences on what was concluded and not read.
+        notes: sentences on what was guessed, and what was ignored.
 
     Raises:
-        FormatError: where there are more than two cameras, or what is there contradicts itself.
+        FormatError: if there are more than two cameras, or values contradict each other.
     """
 
     d: Pair | None = None
@@ -97,18 +97,19 @@ class StereoArrays:
         self._links = [link_of(entry.name, pose, self._cameras) for entry, kind, pose in kinds if kind == "pose"]
         self._entries = [entry for entry in entries if self._is_of_rig(entry.name)]
         self._texts = {name: value for name, value in tree.items() if self._is_of_rig(name)}
-        self._found: dict[str, list[Entry]] = {}
+        self._found: dict[str, list[NamedArray]] = {}
         for entry, kind, array in sorted(kinds, key=_unlikeliness):
             if self._is_of_rig(entry.name):
-                self._found.setdefault(kind, []).append(Entry(entry.name, array))
+                self._found.setdefault(kind, []).append(NamedArray(entry.name, array))
+        # Each step uses results of the steps before it.
         self.k, self.p, self.rectification = (self._eyes(key) for key in "KPR")
         self.size, raw_size = self._sizes()
-        self.p = self.p or self._right_alone()
+        self.p = self.p or self._p_from_right()
         self.pose = self._stereo_pose()
         if self.p is None and self.pose is None:
             self._project_rectified()
         if not self.is_rig:
-            self._model()  # a lens of another model may be why nothing was found
+            self._model()  # only to raise: with an unsupported lens model, the message names the model
             return
         if self.k is not None and self.k[0] is self.k[1] and self.pose is not None:
             self.notes.append("one K was taken for both cameras")
@@ -118,7 +119,7 @@ class StereoArrays:
         except FormatError as error:
             if self.p is None:
                 raise
-            self.notes.append(f"the lenses were left out: {error}")
+            self.notes.append(f"the lenses were ignored: {error}")
 
     @property
     def is_rig(self) -> bool:
@@ -130,13 +131,13 @@ class StereoArrays:
 
     # --- arrays of both eyes ---
 
-    def _of(self, key: str, *, raw: bool = False) -> dict[str, Entry]:
-        """Return the arrays of a kind by eye or number of the camera; if ``raw``, none of rectified cameras."""
+    def _of(self, key: str, *, raw: bool = False) -> dict[str, NamedArray]:
+        """Return the likeliest array of a kind for each camera's label; if ``raw``, skip those of rectified cameras."""
         found = [each for each in reversed(self._found.get(key, [])) if not (raw and each.has("rect"))]
         return {label_of(each.name, self._cameras, rotation=key == "R"): each for each in found}
 
     def _eyes(self, key: str) -> Pair | None:
-        """Return two arrays of a kind, left and right; None if the tree lacks either. The only K or D is of both."""
+        """Return two arrays of a kind, left and right, or None. A single K or D without an eye is used for both."""
         found = self._of(key)
         numbered = sorted((label for label in found if label.isdigit()), key=int)
         left, right = self._cameras or ("left", "right")
@@ -146,34 +147,38 @@ class StereoArrays:
                 raise FormatError(f"has {len(numbered)} cameras ({labels}): choose two, --pair LEFT,RIGHT or cameras")
             left, right = numbered[:2]
         if key in "KD" and found.keys() == {""}:
-            others = (each.value for each in self._found[key] if not each.has(_DERIVED))
-            if all(np.array_equal(each, found[""].value) for each in others):
+            calibrated = (each.value for each in self._found[key] if not each.has(_DERIVED))
+            if all(np.array_equal(each, found[""].value) for each in calibrated):
                 left = right = ""
         return (found[left].value, found[right].value) if {left, right} <= found.keys() else None
 
-    # --- how the cameras stand ---
+    # --- the pose of the right camera ---
 
     def _stereo_pose(self) -> Array | None:
         """Find R and T as one pose (4, 4), right_from_left, in the file's unit; None without both."""
-        turned, moved = self._of("R", raw=True), self._of("T")
-        if len(turned) == len(moved) == 1:  # "rotation (R)" is no eye
-            turned = dict.fromkeys(moved, *turned.values())
-        pairs = {each: pose_of(turned[each].value, moved[each].value) for each in moved if each in turned}
-        links = {each: link_of(moved[each].name, pose, self._cameras) for each, pose in pairs.items()}
+        rotations, translations = self._of("R", raw=True), self._of("T")
+        if len(rotations) == len(translations) == 1:
+            # The R in a name such as "rotation (R)" does not mean the right eye: T's label holds for both.
+            rotations = dict.fromkeys(translations, *rotations.values())
+        poses = {eye: pose_of(rotations[eye].value, t.value) for eye, t in translations.items() if eye in rotations}
+        links = {eye: link_of(translations[eye].name, pose, self._cameras) for eye, pose in poses.items()}
+        # 1. R and T whose names state neither an eye nor frames.
         if "" in links and not links[""].sure:
-            return pairs[""]
-        all_links = [*self._links, *(links.values() if len(links) > 1 or "" in links else ())]
-        found = right_from_left(all_links, self._cameras)
-        # Without P, a single pose that names no frames leads from one eye to the other.
-        if found is None and self.p is None and [each.sure for each in all_links] == [False]:
-            found = right_from_left([Link("right", "left", all_links[0].pose, sure=False)], ("left", "right"))
-        # Calibrations of one camera against the other keep R and T beside the second camera.
-        return next(iter(pairs.values())) if found is None and len(pairs) == 1 else found
+            return poses[""]
+        # 2. A chain of poses. R and T of only one camera are left to step 4.
+        is_of_one_camera = len(links) == 1 and "" not in links
+        chain = self._links if is_of_one_camera else [*self._links, *links.values()]
+        found = right_from_left(chain, self._cameras)
+        # 3. Without P, a single pose whose name states no frames leads from one eye to the other.
+        if found is None and self.p is None and [link.sure for link in chain] == [False]:
+            found = right_from_left([RelativePose("right", "left", chain[0].pose, sure=False)], ("left", "right"))
+        # 4. Some files store R and T, from the first camera to the second, beside the second camera.
+        return next(iter(poses.values())) if found is None and len(poses) == 1 else found
 
     def _to_metres(self) -> None:
-        """Bring pose and projections to metres; where their baselines differ, the translation's counts.
+        """Convert pose and projections to metres; if their baselines differ, use that of the translation.
 
-        DrivingStereo's small images have projections of twice the baseline.
+        The projections of DrivingStereo's small images have twice the baseline.
         """
         baseline = 0.0 if self.p is None else abs(float(np.subtract(*(each[0, 3] / each[0, 0] for each in self.p))))
         shift = 0.0 if self.pose is None else float(np.linalg.norm(self.pose[:3, 3]))
@@ -182,10 +187,10 @@ class StereoArrays:
         length_m = length * UNITS[unit]
         unit_of_p = min(UNITS.values(), key=lambda each: abs(baseline * each - length_m))
         if length and baseline and abs(baseline * unit_of_p / length_m - 1) > _SAME_BASELINE:
-            self.notes.append(f"the cameras are {baseline:.6g} apart by P, and {length:.6g} by T, which was taken")
+            self.notes.append(f"P gives a baseline of {baseline:.6g}, and T gives {length:.6g}, which was used")
             unit_of_p = length_m / baseline
         if self._unit is None and unit != "m":
-            self.notes.append(f"the cameras are {length:g} apart, taken for {unit}: if that is wrong, give --unit")
+            self.notes.append(f"the baseline of {length:g} was taken to be in {unit}: if that is wrong, give --unit")
         if self.pose is not None:
             self.pose = pose_of(self.pose[:3, :3], self.pose[:3, 3] * UNITS[unit])
         if self.p is not None:
@@ -193,8 +198,8 @@ class StereoArrays:
 
     # --- projections of rectified images ---
 
-    def _right_alone(self) -> Pair | None:
-        """Derive both projections from a lone right P; the left one is P without its last column."""
+    def _p_from_right(self) -> Pair | None:
+        """Derive both projections from the right P, if it is the only one; the left P has zeros in the last column."""
         found = self._found.get("P", ())
         left = "left" if self._cameras is None else self._cameras[0]
         if len(found) != 1 or label_of(found[0].name, self._cameras) == left or found[0].value[0, 3] == 0:
@@ -202,16 +207,18 @@ class StereoArrays:
         return found[0].value * (1, 1, 1, 0), found[0].value
 
     def _project_rectified(self) -> None:
-        """Set the projections that follow from a baseline or from Q; then only raw cameras keep their matrices."""
+        """Set P from K and a baseline, or from Q. After K and a baseline, ``k`` is None unless it is of raw cameras."""
         found = self._of("K")
-        alone = found.get("", next(iter(found.values()), None))
-        # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
-        raw = self.k if self.rectification is not None and "" in found else None
-        of = self.k if raw is None and self.k is not None else alone and (alone.value, alone.value)
-        if of is not None and (baseline := self._baseline(float(of[0][0, 0]))) is not None:
+        # OpenVSLAM and Stella store both raw K, the rectifying rotations, and one K of the rectified cameras.
+        has_both = self.k is not None and self.rectification is not None and "" in found
+        rectified, raw = (None, self.k) if has_both else (self.k, None)
+        if rectified is None and found:
+            single = found.get("") or next(iter(found.values()))
+            rectified = single.value, single.value
+        if rectified is not None and (baseline := self._baseline(float(rectified[0][0, 0]))) is not None:
             if raw is None and any(each.value.any() for each in self._of("D").values()):
-                self.notes.append("D was left out: with a baseline and without R, images are taken to be rectified")
-            self.p, self.k = projections(*of, baseline), raw
+                self.notes.append("D was ignored: with a baseline and without R, images are taken to be rectified")
+            self.p, self.k = projections(*rectified, baseline), raw
         elif "Q" in self._found:
             q = self._found["Q"][0].value
             focal_px, cx_left, cy = q[2, 3], -q[0, 3], -q[1, 3]
@@ -220,7 +227,7 @@ class StereoArrays:
             self.p = projections(left, right, abs(1 / q[3, 2]))
 
     def _baseline(self, focal_px: float) -> float | None:
-        """Return a stated baseline in the file's unit: it, its product with the focal length, or a number alone."""
+        """Return the baseline in the file's unit: a number of that name, an unnamed number, or f B divided by f."""
         for entry in self._entries:
             if entry.value.size != 1 or not np.isfinite(entry.value).all():
                 continue
@@ -235,7 +242,7 @@ class StereoArrays:
     # --- lenses and sizes ---
 
     def _model(self) -> LensModel | None:
-        """Return the stated lens model; raises FormatError for a model that is not read, or for two models."""
+        """Return the stated lens model; raises FormatError for an unsupported model, or for two models."""
         stated = [each.key for each in self._entries if each.key in {"radtan", "equidistant"}]
         for name, value in self._texts.items():
             words = " ".join(words_of(name))
@@ -251,23 +258,23 @@ class StereoArrays:
                 raise FormatError(f"its lens is {text}: calibrate with {known}")
             models |= {model for model, pattern in _MODELS.items() if re.fullmatch(pattern, key)}
         if len(models) > 1:
-            raise FormatError("expected lenses of one model, got radial-tangential and fisheye ones")
+            raise FormatError("expected lenses of one model, got radial-tangential and fisheye lenses")
         return next(iter(models), None)
 
     def _find_lenses(self, size: Size | None, raw_size: Size | None) -> None:
-        """Set the coefficients of both lenses and their model; raises FormatError where they cannot be used."""
+        """Set the coefficients of both lenses and their model; raises FormatError if they cannot be used."""
         if self.k is None:
             return
         model, d = self._model(), self._eyes("D")
         if size is not None and raw_size not in {None, size}:
-            raise FormatError(f"expected raw images of {size}, as rectified ones, got {raw_size}")
+            raise FormatError(f"expected raw images of {size}, the size of rectified images, got {raw_size}")
         stated = {
             each.name: each.value for each in self._entries if each.has(COEFFICIENT_WORDS) and each.value.size > 1
         }
         if d is None and stated:
             raise FormatError(f"expected 4, 5, 8, 12 or 14 coefficients of both lenses, got {listing(stated)}")
         if d is None:
-            self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
+            self.notes.append("no lens coefficients were found: the cameras are taken to be pinholes")
             d = np.zeros(0), np.zeros(0)
         is_wide = size is not None and size.width_px > _WIDE * float(self.k[0][0, 0])
         if model is None and is_wide and d[0].any() and len(d[0]) == 4:
@@ -280,19 +287,19 @@ class StereoArrays:
         self.d, self.model = (left, right), model
 
     def _sizes(self) -> tuple[Size | None, Size | None]:
-        """Return the size of the images, and of the raw images; None for an unknown size."""
-        sizes: dict[bool, dict[Size, None]] = {True: {}, False: {}}
+        """Return the size of the images (with P, of rectified images) and the size of raw images; None if unknown."""
+        rectified, raw = dict[Size, None](), dict[Size, None]()  # used as ordered sets
         for entry in self._found.get("size", ()):
             width, height = entry.value.tolist()
             if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
                 raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
             if width and height:  # 0 x 0 is OpenCV's unknown size
                 size = upright(Size(int(width), int(height)), [*(self.k or ()), *(self.p or ())])
-                sizes[entry.has("rect")][size] = None
-        known = [*(sizes[self.p is not None] or sizes[self.p is None])]
+                (rectified if entry.has("rect") else raw)[size] = None
+        known = [*((rectified or raw) if self.p is not None else (raw or rectified))]
         if len(known) > 1:
-            raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
-        return next(iter(known), None), next(iter(sizes[False]), None)
+            raise FormatError(f"has images of {known[0]} and of {known[1]}: expected the same size for both cameras")
+        return next(iter(known), None), next(iter(raw), None)
 
 
 def sizes_in(tree: Tree) -> list[Array]:
@@ -301,15 +308,16 @@ def sizes_in(tree: Tree) -> list[Array]:
     return [array for kind, array in filter(None, kinds) if kind == "size"]
 
 
-def _entries(tree: Tree) -> Sequence[Entry]:
-    return by_columns([Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)])
+def _entries(tree: Tree) -> Sequence[NamedArray]:
+    return by_columns([NamedArray(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)])
 
 
-def _unlikeliness(found: tuple[Entry, str, Array]) -> tuple[bool, bool, int]:
-    """Return how unlikely an array is the calibrated one of its kind, or of rotations the rectifying one."""
+def _unlikeliness(found: tuple[NamedArray, str, Array]) -> tuple[bool, bool, int]:
+    """Return a sort key: least for the likeliest array of its kind: calibrated K and D, rectifying rotations and P."""
     entry, kind, array = found
-    is_vector = entry.value.size != array.size  # of a rotation
-    return entry.has(_DERIVED) == (kind in "KD"), is_vector, len(entry.name)
+    is_derived = entry.has(_DERIVED)
+    is_rotation_vector = entry.value.size != array.size
+    return is_derived if kind in "KD" else not is_derived, is_rotation_vector, len(entry.name)
 
 
 def projections(left: Array, right: Array, baseline: float) -> Pair:
@@ -319,14 +327,14 @@ def projections(left: Array, right: Array, baseline: float) -> Pair:
 
 
 def _coefficients(d: Array, model: LensModel, k: Array) -> Array:
-    """Return the coefficients (N,) of a lens in as many numbers as OpenCV's model takes; zeros for none.
+    """Return the coefficients (N,) of a lens in a number that OpenCV's model takes; zeros if there are none.
 
     Raises FormatError if their number does not fit the model, or if the camera matrix K (3, 3) has skew.
     """
     if abs(k[0, 1]) > _MOST_SKEW * k[0, 0]:
         raise FormatError(f"a camera matrix has a skew of {k[0, 1]:g}: expected [fx 0 cx; 0 fy cy; 0 0 1]")
     counts = COEFFICIENTS[model]
-    if not d[counts[-1] :].any():  # files may end in zeros that the model has no place for
+    if not d[counts[-1] :].any():  # files may end in zeros beyond the model's coefficients
         d = d[: counts[-1]] if len(d) else np.zeros(counts[0])
     if len(d) not in counts:
         tilt = ": the last two, a tilted sensor's, must be 0" if len(d) == 14 else ""

@@ -1,4 +1,4 @@
-"""The relative pose of two cameras, from the poses that a calibration states."""
+"""The relative pose of two cameras, computed from the poses that a calibration states."""
 
 import re
 from collections.abc import Sequence
@@ -9,9 +9,9 @@ import numpy as np
 from semisynth_gl.calibration.entries import LEFT, RIGHT, label_of, last_part, words_of
 from semisynth_gl.calibration.tree import Array, Name
 
-# What stands for a camera in the name of a pose; anything else is a body, an IMU or the world.
+# Words that mean a camera in the name of a pose. Any other frame is a body, an IMU or the world.
 _EYES = {"cam", "camera", "c", "s", "sensor", "left", "right", "l", "r"}
-# Names of poses with two frames: the target frame is first, except in the last form, cam_to_board.
+# Forms of names that state two frames. The target frame is first, except in the last form, such as cam_to_board.
 _FRAME = r"([A-Za-z]+\d*)"
 _FORMS = (
     rf"{_FRAME}_T_{_FRAME}|(.+)_from_(.+)",
@@ -20,8 +20,8 @@ _FORMS = (
 )
 
 
-class Link(NamedTuple):
-    """A pose (4, 4) from one frame to another; ``sure`` says whether its direction is known."""
+class RelativePose(NamedTuple):
+    """The pose (4, 4) to_from_start of two frames; if it is not ``sure``, the pose may be the inverse."""
 
     to: str
     start: str
@@ -36,40 +36,41 @@ def pose_of(turn: Array, shift: Array) -> Array:
     return pose
 
 
-def link_of(name: Name, pose: Array, cameras: tuple[str, str] | None) -> Link:
-    """Return the link of a pose (4, 4): between the frames in its name, else between its camera and a common frame."""
+def link_of(name: Name, pose: Array, cameras: tuple[str, str] | None) -> RelativePose:
+    """Return the relative pose of the frames in the name of a pose (4, 4), else of its camera and a common frame."""
     if frames := frames_of(name, cameras):
-        return Link(*frames, pose)
-    # All poses of one name are against the same thing.
+        return RelativePose(*frames, pose)
+    # Poses that differ only in the camera's name start at a common frame, or lead to it.
     stem = " ".join(word for word in words_of((last_part(name),)) if not (word.isdigit() or word in LEFT | RIGHT))
-    return Link(label_of(name, cameras), f"against {stem}", pose, sure=False)
+    return RelativePose(label_of(name, cameras), f"against {stem}", pose, sure=False)
 
 
-def right_from_left(links: Sequence[Link], cameras: tuple[str, str] | None) -> Array | None:
+def right_from_left(links: Sequence[RelativePose], cameras: tuple[str, str] | None) -> Array | None:
     """Return the pose right_from_left, (4, 4), of the two cameras; None if the links do not connect them.
 
-    Links of unknown direction have the one that puts the right camera more to the right. ``cameras`` are the labels of
-    the left and the right camera; None for left and right, or the first two numbers.
+    If directions of links are unknown, the direction is chosen that puts the right camera more to the right.
+    ``cameras`` are the labels of the left and the right camera; None for left and right, or the two lowest numbers.
     """
     frames = {frame for link in links for frame in link[:2]}
     numbers = sorted((frame for frame in frames if frame.isdigit()), key=int)
     if cameras is None:
         cameras = ("left", "right") if len(numbers) < 2 or {"left", "right"} <= frames else (numbers[0], numbers[1])
     found = list[Array]()
-    for turned in (False, True):
+    for inverted in (False, True):
+        # Poses frame_from_left. Each round over the links adds at least one more frame of a chain.
         known: dict[str, Array] = {cameras[0]: np.eye(4)}
         for to, start, pose, sure in [*links] * min(len(links), 9):
-            way = np.linalg.inv(pose) if turned and not sure else pose
+            to_from_start = np.linalg.inv(pose) if inverted and not sure else pose
             if start in known:
-                known.setdefault(to, way @ known[start])
+                known.setdefault(to, to_from_start @ known[start])
             elif to in known:
-                known[start] = np.linalg.inv(way) @ known[to]
+                known[start] = np.linalg.inv(to_from_start) @ known[to]
         found += [known[cameras[1]]] if cameras[1] in known else []
     return min(found, key=lambda pose: pose[0, 3] / (np.linalg.norm(pose[:3, 3]) or 1), default=None)
 
 
 def frames_of(name: Name, cameras: tuple[str, str] | None = None) -> tuple[str, str] | None:
-    """Return a pose's target frame and source frame, as labels; None if its name does not state both.
+    """Return the labels of a pose's target frame and source frame; None if its name does not state both.
 
     ``T_cam_imu`` in the section of cam1 leads from imu to 1.
     """
@@ -83,7 +84,7 @@ def frames_of(name: Name, cameras: tuple[str, str] | None = None) -> tuple[str, 
     frames = [found["to"], found["start"]] if "to" in found.groupdict() else [each for each in found.groups() if each]
     eyes = [frame for frame in frames if frame.isdigit() or _EYES & {*words_of((frame,))}]
     labels = {frame: label_of((frame,), cameras) for frame in eyes}
-    if not all(labels.values()):  # the number in T_cam_imu0 is the camera's
+    if not all(labels.values()):  # the number in T_cam_imu0 means the camera
         labels = {frame: label_of(name, cameras) for frame in eyes}
         frames = [frame if frame in eyes else frame.rstrip("0123456789") for frame in frames]
     to, start = (labels.get(frame, frame.lower()) for frame in frames)

@@ -1,4 +1,4 @@
-"""Rigs: OpenCV's rectification of a calibration, and checks of rectified pairs."""
+"""Rectified rigs: from the P1 and P2 of a calibration, or by OpenCV's stereoRectify."""
 
 import math
 from collections.abc import Mapping
@@ -15,14 +15,13 @@ from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv
 
-# Largest differences between equal values, relative and in px: the rounding of calibrations that are printed with six
-# digits, which is invisible in images.
+# Largest differences, relative and in px, of values that count as equal: calibrations may be rounded to six digits.
 _SAME_FOCAL = 1e-4
 _SAME_CY_PX = 0.05
-# Largest distance of a rectified right camera from the x axis, as a fraction of the baseline; KITTI's is off by 0.5 %.
+# Largest distance of a rectified right camera from the x axis, as a fraction of the baseline. KITTI's is 0.5 % off.
 _OFF_BASELINE = 0.01
-# Tangent of half the angle that the width of a fisheye's rectified images takes at most by default, 100 degrees: wider,
-# OpenCV would shrink the middle.
+# The widest rectified view of a fisheye by default, as the tangent of half the angle. OpenCV shrinks the middle of a
+# wider view.
 _WIDEST_FISHEYE = math.tan(math.radians(50))
 
 
@@ -33,8 +32,8 @@ class Rig:
     Attributes:
         camera: the rectified cameras.
         source: name of the file or files, for messages.
-        raw: the cameras before rectification; None where they are not known, or give rectified images by themselves.
-        notes: sentences on what was concluded from the calibration.
+        raw: the cameras before rectification; None if they are unknown, or if their images are rectified already.
+        notes: sentences on what was guessed, and what was ignored.
     """
 
     camera: StereoCamera
@@ -56,18 +55,18 @@ class Rig:
 
 
 def make_rig(arrays: StereoArrays, size: Size, alpha: float | None = None) -> Rig:
-    """Return the rig of a calibration, with images of ``size``, by its P1 and P2 or else by OpenCV's stereoRectify.
+    """Return the rig of a calibration for images of ``size``: from P1 and P2, or else by OpenCV's stereoRectify.
 
-    ``alpha`` is stereoRectify's, from 0, for images without borders, to 1, for as much of the raw images as they can
-    show, and a fisheye's ``balance``; None for OpenCV's default, but with a view of at most 100 degrees for a fisheye.
+    ``alpha`` is passed to stereoRectify; for a fisheye, it is passed as ``balance``. 0 crops all borders, 1 keeps as
+    much of the raw images as possible. None is OpenCV's default, but limits a fisheye's view to 100 degrees.
 
     Raises:
-        InputError: where a calibration with P1 and P2 is not rectified, the baseline is not above 0, the cameras have
-            the same position or one stands above the other, or OpenCV is missing.
+        InputError: if P1 and P2 are not those of a rectified pair, the baseline is not above 0, both cameras have the
+            same position or one is above the other, or OpenCV is needed and missing.
     """
     source, p, rectification, k, d = arrays.source, arrays.p, arrays.rectification, arrays.k, arrays.d
     if p is not None and alpha is not None:
-        raise InputError(f"{source} states how its images are rectified: leave it out", argument="alpha")
+        raise InputError(f"{source} has rectified cameras already: do not give alpha", argument="alpha")
     try:
         if p is None:
             p, rectification = _stereo_rectify(arrays, size, alpha)
@@ -88,17 +87,17 @@ def make_rig(arrays: StereoArrays, size: Size, alpha: float | None = None) -> Ri
 
 
 def _stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> tuple[Pair, Pair]:
-    """Return P1 and P2, and R1 and R2, which OpenCV's stereoRectify makes of K, D, R and T."""
+    """Compute (P1, P2) and (R1, R2) from K, D, R and T by OpenCV's stereoRectify."""
     k, d, pose = arrays.k, arrays.d, arrays.pose
     if k is None or d is None or pose is None:
         raise InputError("expected K and D of both cameras, R and T")
     cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
-    turn, shift_m = pose[:3, :3].copy(), pose[:3, 3:].copy()  # OpenCV wants arrays in one piece
+    turn, shift_m = pose[:3, :3].copy(), pose[:3, 3:].copy()  # OpenCV needs contiguous arrays
     right_m, down_m, _ = (-turn.T @ shift_m).ravel().tolist()
     if abs(right_m) <= max(abs(down_m), 1e-9):  # equal positions differ by rounding
         raise InputError(
             f"expected cameras apart and side by side, but the right one is {right_m:.6g} m to the right of the left "
-            f"one and {down_m:.6g} m below it: turn images of a vertical rig by a quarter, and calibrate these"
+            f"one and {down_m:.6g} m below it: rotate images of a vertical rig by 90 degrees, and calibrate again"
         )
     fisheye = arrays.model == "fisheye"
     chosen = {} if alpha is None else {"balance" if fisheye else "alpha": alpha}
@@ -114,9 +113,9 @@ def _stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> tu
 
 
 def _baseline_m(left: Array, right: Array) -> float:
-    """Return the baseline of two projection matrices; raises InputError where they are of no rectified pair.
+    """Return the baseline of two projection matrices; raises InputError if they are not those of a rectified pair.
 
-    Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only.
+    Both matrices of a rectified pair are K [I | t], where both K have the same fx, fy and cy, and t is along x.
     """
     (fx, *_), (_, fy, cy, _), _ = left.tolist()
     refusal = InputError(
@@ -127,7 +126,7 @@ def _baseline_m(left: Array, right: Array) -> float:
     off = [np.abs(matrix[:, :3] - camera_matrix(fx, fy, matrix[0, 2], cy)) for matrix in (left, right)]
     if not (min(fx, fy) > 0 and (off <= np.array(largest)).all()):  # written so that nan fails too
         raise refusal
-    # Translations t, metres; their difference is the right camera's position.
+    # The translations t, metres. Their difference is the right camera's position.
     left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
     baseline_m, down_m, forward_m = map(float, left_m - right_m)
     if np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):

@@ -1,4 +1,4 @@
-"""Calibration files to rigs: any file becomes a tree of names, an adapter or the names give the arrays."""
+"""From calibration files to a rig: an adapter, or else the names, say which value of a file is which."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -32,15 +32,15 @@ def read_rig(
 ) -> Rig:
     """Read a rectified rig from the calibration files that the sources name.
 
-    Of several files, one may have K, D and R of both cameras. If none has, they are one file a camera, left first
-    unless names say otherwise, or intrinsics and extrinsics.
+    If one of several files describes the whole rig, only that file is used. Otherwise the files are joined: one file
+    per camera, the left one first unless names say otherwise, or intrinsics and extrinsics.
 
-    ``photographed`` is the size of the rig's photographs, which chooses or stands for the size where files do not state
-    it. `calibrate` explains the other arguments.
+    ``photographed`` is the size of the rig's photographs: it selects one of several stated sizes, and replaces a
+    missing size. `calibrate` explains the other arguments.
 
     Raises:
-        InputError: where there is no file, or several rigs, the rig is not rectified, or OpenCV is needed and missing.
-        ReadError: where a file describes no rig, or contradicts itself.
+        InputError: if there are no files or several rigs, the rig is not rectified, or OpenCV is needed but missing.
+        ReadError: if a file describes no rig, or contradicts itself.
     """
     trees: dict[str, Tree] = {}
     for source in sources:
@@ -55,44 +55,46 @@ def read_rig(
     arrays = _by_keys(trees, calib_keys, *about) if calib_keys else _by_names(trees, cameras, *about)
     stated = arrays.size
     if stated is not None and size not in {None, stated}:
-        text = f"{arrays.source} is for images of {stated}, not {size}: leave it out, or give --scale"
+        text = f"{arrays.source} is for images of {stated}, not {size}: do not give a size, or give --scale"
         raise InputError(text, argument="size")
     if stated is None and size is None and photographed is not None:
-        arrays.notes.append(f"images are taken to be of {photographed}, as photographs are")
+        arrays.notes.append(f"images are taken to have {photographed} px, as the photographs have")
     known = stated or size or photographed
     if known is None:
-        raise InputError(f"{arrays.source}: does not say how large the images are: give it", argument="size")
+        raise InputError(f"{arrays.source}: does not say how large the images are: give their size", argument="size")
     return make_rig(arrays, known, alpha)
 
 
 def _by_names(
     trees: Mapping[str, Tree], cameras: tuple[str, str] | None, unit: str | None, size: Size | None
 ) -> StereoArrays:
-    """Return the arrays of the one file that describes a rig, or else of all files together."""
+    """Return the arrays of the one file that describes a rig, or else of all files, joined by name or by number."""
     rigs = [found for source, tree in trees.items() if (found := _arrays(tree, source, cameras, unit, size))]
-    if len(rigs) < len(trees):  # K and a baseline may be of one camera
+    if len(rigs) < len(trees):
+        # Beside other files, a file with one K and a baseline may describe only one camera: do not take it for a rig.
         rigs = [each for each in rigs if each.d and (each.pose is not None or each.rectification)]
     if len(rigs) > 1:
-        text = f"{rigs[0].source} and {rigs[1].source} describe a rig each: give the files of one"
+        text = f"{rigs[0].source} and {rigs[1].source} describe a rig each: give the files of one rig"
         raise InputError(text, argument="calib")
-    # Where no name tells the eyes, the left camera's file comes first.
-    by_number = joined([*trees.values()], [str(number) for number in range(1, len(trees) + 1)])
-    source = " and ".join(trees)
-    for tree in (_whole(trees), by_number) if len(trees) > 1 else ():
-        rigs = rigs or [found for found in [_arrays(tree, source, cameras, unit, size)] if found]
     if rigs:
         return rigs[0]
+    source = " and ".join(trees)
+    if len(trees) > 1:
+        by_number = joined([*trees.values()], [str(number) for number in range(1, len(trees) + 1)])
+        for tree in (_whole(trees), by_number):
+            if (found := _arrays(tree, source, cameras, unit, size)) is not None:
+                return found
     chosen = "" if cameras is None else f" {' and '.join(cameras)}"
     raise ReadError(
         Path(source),
         f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
-        f"{listing(_whole(trees))}. Add the file that has the rest; or say which value is which (--calib-keys), such "
-        "as K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...",
+        f"{listing(_whole(trees))}. Add the file that has the rest; or say which value is which, such as --calib-keys "
+        "K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...",
     )
 
 
 def _by_keys(trees: Mapping[str, Tree], keys: Mapping[str, str], unit: str | None, size: Size | None) -> StereoArrays:
-    """Return the arrays that keys name, with all texts of the files, and their size if no key names one."""
+    """Return the arrays that ``keys`` select; also use the files' strings, and their sizes if no key selects one."""
     tree, source = _whole(trees), " and ".join(trees)
     values = {".".join(name): value for name, value in tree.items()}
     for key, name in keys.items():
@@ -107,13 +109,13 @@ def _by_keys(trees: Mapping[str, Tree], keys: Mapping[str, str], unit: str | Non
     arrays = _arrays(chosen, source, None, unit, size, adapters=())
     if arrays is None:
         named = listing({(key,): values[name] for key, name in keys.items()})
-        text = f"{source}: no pair of cameras in {named}: name P1 and P2, or K1, D1, K2, D2, R and T"
+        text = f"{source}: no pair of cameras in {named}: give P1 and P2, or K1, D1, K2, D2, R and T"
         raise InputError(text, argument="calib_keys")
     return arrays
 
 
 def _whole(trees: Mapping[str, Tree]) -> Tree:
-    """Return the values of all files, with the files' names before theirs where there are several."""
+    """Return the values of all files; of several files, each value's name begins with its file's name."""
     if len(trees) == 1:
         return next(iter(trees.values()))
     names = [Path(source).stem for source in trees]
@@ -133,7 +135,7 @@ def _arrays(
     try:
         if known := next((each for adapter in adapters if (each := adapter(tree, size)) is not None), None):
             if unit is not None:
-                raise InputError(f"{source} states the unit: leave it out", argument="unit")
+                raise InputError(f"{source} states the unit: do not give one", argument="unit")
             tree, pair = known
             cameras, unit = cameras or pair, "m"
         arrays = StereoArrays(tree, source, cameras, unit, size)

@@ -10,7 +10,7 @@ from semisynth_gl.calibration.tree import Array
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.textures.images import ImageError, stored_size
 
-# A principal point farther from the centre than this, as a fraction of the side, may be that of another size.
+# Farther from the centre than this fraction of the side, a principal point may belong to a different image size.
 _NEAR_CENTRE = 0.1
 _SIZES_SHOWN = 3
 
@@ -30,21 +30,21 @@ class Size(NamedTuple):
 
 
 def upright(size: Size, matrices: Sequence[Array]) -> Size:
-    """Return the size, or with width and height swapped if the principal points of K or P say so.
+    """Return the size, with width and height swapped if the principal points of K or P fit only the swapped size.
 
-    They do if they are far from the centre of such images, and near the centre of the turned ones.
+    They fit it if they are far from the centre of images of ``size``, and near the centre of swapped images.
     """
 
     def distance(sides: Size) -> float:
         return max((float(abs(m[k, 2] / side - 0.5)) for m in matrices for k, side in enumerate(sides)), default=0.0)
 
-    turned = Size(size.height_px, size.width_px)
+    swapped = Size(size.height_px, size.width_px)
     far = distance(size)
-    return turned if far > _NEAR_CENTRE and distance(turned) <= min(_NEAR_CENTRE, far / 2) else size
+    return swapped if far > _NEAR_CENTRE and distance(swapped) <= min(_NEAR_CENTRE, far / 2) else size
 
 
 def photograph_sizes(images: Sequence[Path]) -> list[Size]:
-    """Return the sizes in the headers of photographs; files that cannot be read are left out."""
+    """Return the sizes in the headers of photographs; files that cannot be read are skipped."""
     sizes = list[Size]()
     for path in images:
         with suppress(ImageError):
@@ -59,7 +59,7 @@ def most_common_size(photographs: Sequence[Size], scale: float = 1.0) -> Size | 
 
 
 def check_sizes(photographs: Sequence[Size], calibrated: Size, scale: float = 1.0) -> None:
-    """Raise InputError where there are photographs, but none of them has the calibrated size times ``scale``."""
+    """Raise InputError if there are photographs, but none has the calibrated size times ``scale``."""
     expected = calibrated.scaled(scale)
     if not photographs or expected in photographs:
         return
@@ -68,6 +68,6 @@ def check_sizes(photographs: Sequence[Size], calibrated: Size, scale: float = 1.
     reduced = f"If they are reduced, give --scale {fitting:.6g}; if" if calibrated.scaled(fitting) == sizes[0] else "If"
     raise InputError(
         f"the calibration is for images of {expected}, but none of {counted(len(photographs), 'photograph')} has that "
-        f"size: they have {there}. {reduced} another camera took them, give --other-camera",
+        f"size: they have {there}. {reduced} a different camera took them, give --other-camera",
         argument="images",
     )

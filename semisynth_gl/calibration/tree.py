@@ -1,4 +1,4 @@
-"""Files of calibrations as trees: every number and word in them under its name, whatever the file's format."""
+"""Reads calibration files of any format as trees: each number and word by its name."""
 
 import ast
 import io
@@ -26,14 +26,14 @@ Tree = dict[Name, Array | str]
 """Values by name: ``left.K`` is ``("left", "K")``. An array is float64 of any shape, () for a number."""
 
 EXTENSIONS = (".txt", ".yaml", ".yml", ".json", ".xml", ".npz", ".npy", ".conf", ".ini", ".cfg", ".cameramodel")
-"""Extensions of the files that a folder or a glob finds; a file named in full may have any."""
+"""Extensions of the files that are found in a folder or by a glob; a file named in full may have any extension."""
 
-# ruamel reads about 25 kB of YAML a second; an .npz may hold the corners of all photographs of a board.
+# Maximum sizes of files and number of values. ruamel reads about 25 kB of YAML a second; an .npz may also have corners.
 _LARGEST_BYTES, _LARGEST_YAML, _LARGEST_NUMPY, _MOST_VALUES = 1 << 20, 128 << 10, 256 << 20, 200_000
-# Name of the only value of a file, and the beginning of names of numbers without any.
+# The name of the only value of a file, and the beginning of names for unnamed numbers.
 _WHOLE: Name = ("values",)
 _UNNAMED = "numbers"
-# Axes of a translation, of quaternions, and of a pose.
+# Keys of mappings that are a translation, a quaternion or a pose.
 _VECTORS = [tuple(axes.split()) for axes in ("x y z", "qx qy qz qw", "x y z w", "px py pz qx qy qz qw")]
 _BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
 # OpenCV's reader needs no space after a colon, YAML does.
@@ -42,14 +42,14 @@ _LISTED = 40
 
 
 class FormatError(Exception):
-    """A file breaks its format, as the message says without naming the file."""
+    """A file breaks its format. The message does not name the file."""
 
 
 def read_tree(path: Path) -> Tree:
     """Return the values of a file.
 
     Raises:
-        ReadError: where it cannot be read, or has no format that holds names and numbers.
+        ReadError: if it cannot be read, or its format is not supported.
     """
     try:
         return dict(_leaves((), _parsed(path)))
@@ -60,7 +60,7 @@ def read_tree(path: Path) -> Tree:
 
 
 def joined(trees: Sequence[Tree], prefixes: Sequence[str]) -> Tree:
-    """Return the values of several files as one tree, in which each file's names begin with its prefix."""
+    """Return the values of several files as one tree; names begin with the prefix of their file."""
     return {
         (*prefix.split("."), *(() if name == _WHOLE else name)): value
         for tree, prefix in zip(trees, prefixes, strict=True)
@@ -88,7 +88,7 @@ def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
     if data.startswith((b"\x93NUMPY", b"PK")):
         return _numpy(data)
     if b"\0" in data:
-        raise FormatError("is binary, or text of UTF-16: expected text of UTF-8, .npz or .npy")
+        raise FormatError("is binary or UTF-16 text: expected UTF-8 text, .npz or .npy")
     text = data.decode("utf-8-sig", "replace").replace("\r\n", "\n")
     with suppress(ValueError, SyntaxError, MemoryError, TypeError):
         if suffix == ".cameramodel":  # mrcal's, a literal of Python
@@ -106,7 +106,7 @@ def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
 
 
 def _numpy(data: bytes) -> Any:  # noqa: ANN401 - an array, or arrays by name
-    """Return what NumPy's file holds, without pickled objects, which may run code."""
+    """Return the arrays in a .npz or .npy file. Pickled objects are skipped, since they may run code."""
     arrays = {}
     try:
         file = np.load(io.BytesIO(data), allow_pickle=False)
@@ -117,7 +117,7 @@ def _numpy(data: bytes) -> Any:  # noqa: ANN401 - an array, or arrays by name
             with suppress(ValueError):  # objects
                 arrays[name] = file[name]
     except Exception as error:  # noqa: BLE001 - NumPy raises a dozen kinds for damaged files
-        raise FormatError(f"is no .npz or .npy: {error}") from None
+        raise FormatError(f"is not a valid .npz or .npy file: {error}") from None
     return arrays
 
 
@@ -131,10 +131,10 @@ def _element(element: ET.Element) -> Any:  # noqa: ANN401 - any nested value
 
 
 def _yaml(text: str) -> dict[str, Any] | None:
-    """Parse text as YAML: None if it is YAML but no mapping, FormatError if it is not YAML."""
+    """Parse text as YAML. Returns None if it is no mapping; raises FormatError if it is not YAML."""
     if len(text) > _LARGEST_YAML:
-        raise FormatError(f"has more than {_LARGEST_YAML >> 10} KiB of YAML: expected a calibration alone")
-    # Scalars stay text: dates, sexagesimal numbers and tags mean nothing here.
+        raise FormatError(f"has more than {_LARGEST_YAML >> 10} KiB of YAML: expected only a calibration")
+    # The type "base" keeps scalars as text: dates, sexagesimal numbers and tags are not wanted.
     yaml = YAML(typ="base", pure=True)
     yaml.allow_duplicate_keys = True
     # OpenCV's first line, %YAML:1.0, and tabs are not valid YAML.
@@ -142,12 +142,12 @@ def _yaml(text: str) -> dict[str, Any] | None:
     try:
         documents = [each for each in yaml.load_all(_NO_SPACE.sub(r"\1: ", text)) if each]
     except (YAMLError, ValueError, AttributeError, TypeError, KeyError) as error:
-        raise FormatError(f"is no YAML: {' '.join(str(error).split())[:300]}") from None
+        raise FormatError(f"is not valid YAML: {' '.join(str(error).split())[:300]}") from None
     if not all(isinstance(each, Mapping) for each in documents):
         return None
     if len([*islice(_nodes(documents), _MOST_VALUES)]) == _MOST_VALUES:
-        raise FormatError(f"has more than {_MOST_VALUES} values: expected a calibration alone")
-    # `ros2 topic echo` without --once prints a camera's message again and again until it is stopped.
+        raise FormatError(f"has more than {_MOST_VALUES} values: expected only a calibration")
+    # `ros2 topic echo` without --once repeats a camera's message, with a new header, until it is stopped.
     distinct = [*{repr({**each, "header": None}): each for each in documents}.values()]
     return {str(n): each for n, each in enumerate(distinct, 1)} if len(distinct) > 1 else dict(*distinct)
 
@@ -155,7 +155,7 @@ def _yaml(text: str) -> dict[str, Any] | None:
 def _lines(text: str) -> dict[str, Any]:
     """Return the values of text: sections, ``name: value``, ``name = value``, names above numbers, or only numbers.
 
-    Rows of numbers without a name are called by `_UNNAMED`; a row of another length begins the next ones.
+    Rows of numbers without a name get the name `_UNNAMED`; a row of a different length begins the next array.
     """
     values: dict[str, Any] = {}
     section, name, rows = values, "", list[str]()
@@ -182,7 +182,7 @@ def _lines(text: str) -> dict[str, Any]:
 
 
 def _nodes(node: Any) -> Iterator[Any]:  # noqa: ANN401 - any nested value
-    """Yield a value and all values in it; an aliased node once for each use."""
+    """Yield a value and all values in it; an aliased node is repeated for each use."""
     yield node
     for child in node.values() if isinstance(node, Mapping) else node if isinstance(node, list) else ():
         yield from _nodes(child)
@@ -191,7 +191,7 @@ def _nodes(node: Any) -> Iterator[Any]:  # noqa: ANN401 - any nested value
 def _leaves(name: Name, node: Any) -> Iterator[tuple[Name, Array | str]]:  # noqa: ANN401 - any nested value
     array = _array(node)
     if array is not None and array.ndim > 1 and len(array) == 2 and array[0].size > 1:
-        node, array = dict(enumerate(array)), None  # an array of each camera
+        node, array = dict(enumerate(array)), None  # one array for each camera
     if array is not None:
         yield name or _WHOLE, array
     elif isinstance(node, str | bool | np.ndarray):
@@ -202,7 +202,7 @@ def _leaves(name: Name, node: Any) -> Iterator[tuple[Name, Array | str]]:  # noq
 
 
 def _array(node: Any) -> Array | None:  # noqa: ANN401 - any nested value
-    """Return the array that a node stands for; None for a node of names or words."""
+    """Return a node as an array; None if it is not numeric."""
     if isinstance(node, str):
         return _numbers(node)
     if isinstance(node, Mapping):
@@ -216,7 +216,7 @@ def _array(node: Any) -> Array | None:  # noqa: ANN401 - any nested value
 
 
 def _axes_array(node: Mapping[Any, Any]) -> Array | None:
-    """Return a vector (3,) of its axes' numbers, a quaternion's rotation (3, 3), or a pose (4, 4)."""
+    """Return the vector (3,), the rotation (3, 3) of a quaternion, or the pose (4, 4) that a mapping of axes states."""
     axes = next((axes for axes in _VECTORS if node.keys() == {*axes}), ())
     numbers = _array([node[axis] for axis in axes])
     if numbers is None or numbers.ndim != 1 or not axes:
@@ -228,7 +228,7 @@ def _axes_array(node: Mapping[Any, Any]) -> Array | None:
 
 
 def _numbers(text: str) -> Array | None:
-    """Parse a text of numbers, brackets, commas and semicolons as an array (N,); None for other text."""
+    """Parse a text of numbers, brackets, commas and semicolons as an array (N,); return None for any other text."""
     try:
         numbers = np.array(text.translate(_BRACKETS).split(), np.float64)
     except ValueError:

@@ -1,7 +1,7 @@
-"""Trial pairs: a few pairs of each recipe, rendered and measured, choose the mix of recipes and the look of surfaces.
+"""Chooses weights of recipes, texture scale and blur by trial: it renders and measures a few pairs of each recipe.
 
-A mean or a distribution over the pairs of a mix is the weighted mean over its recipes, so a few pairs of each recipe
-suffice to predict any mix. Blur is applied to rendered images, so one pair can be measured with every amount of it.
+The distribution of a measure over a mix is the weighted mean of its distributions over the recipes, so a few pairs of
+each recipe predict any mix. Blur is applied to rendered images, so one pair can be measured with each amount of blur.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.calibration.draft import TEXELS, Draft, rounded
+from semisynth_gl.calibration.draft import TEXELS, ConfigDraft, rounded
 from semisynth_gl.config.load import parse_values
 from semisynth_gl.judge.comparison import Values, unit_of
 from semisynth_gl.judge.measured_view import make_view, working_width
@@ -21,39 +21,39 @@ from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.seeds.seeds import Purpose, generator
 
-# Tried values of imperfections.blur_px, in pixels at the working width.
+# The values of imperfections.blur_px that are tried, in pixels at the working width.
 BLURS = (0.0, 0.15, 0.3, 0.5, 0.8)
 
 _SEED = 0
-# Weights are multiples of one over this number.
+# Weights are multiples of 1 over this number.
 _PARTS = 20
-# Cost of uneven weights: this times the sum of their squares.
+# The cost of uneven weights is this times the sum of their squares.
 _EVENNESS = 0.1
-# Share of pixels at unwanted disparities that costs as much as one measure that is off by one standard deviation.
+# This share of pixels at unwanted disparities costs as much as a measure that is off by one standard deviation.
 _SURPLUS = 0.07
 
 Floats = NDArray[np.float64]
 
 
-def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
-    """Render trial pairs, and return the draft with the recipes and the look whose pairs are nearest to a place.
+def fit(draft: ConfigDraft, place: Values, pairs: int, listener: Listener) -> ConfigDraft:
+    """Render trial pairs, and return the draft with the weights, texture scale and blur that come nearest to a place.
 
-    ``pairs`` are rendered of each recipe with each of `TEXELS`, and each is measured with all `BLURS`. ``place`` has
-    the measures of the place's pictures at the `working_width`. The listener hears the number of trial pairs, and each
-    finished pair. Raises InputError where inputs cannot be used, and BackendError where OpenGL cannot.
+    ``pairs`` pairs of each recipe are rendered with each of `TEXELS`, and each pair is measured with all `BLURS`.
+    ``place`` has the measures of the place's pictures at the `working_width`. The listener is told the number of trial
+    pairs, and each finished pair. Raises InputError if inputs cannot be used, and BackendError if OpenGL cannot.
     """
     scenes, disparity, wanted = draft.sections["scenes"], {**draft.sections["disparity"]}, draft.disparity.target
     width_px = draft.rig.camera.width_px
     blur_scale = width_px / working_width(width_px)
     cells = {f"{scene['recipe']}-{k}": (r, k) for r, scene in enumerate(scenes) for k in range(len(TEXELS))}
-    # Recipes without layers get targets of their own: solving them for what a mix lacks takes long.
+    # Recipes without layers state the target themselves: solving them for what the mix lacks would take long.
     target = {"disparity": {"target": disparity.pop("target")}}
     own = [{} if "layers" in scene.get("particles", {}) else target for scene in scenes]
     tried = [
         scenes[r] | own[r] | {"recipe": name, "textures": {"texels_per_pixel": [*TEXELS[k]]}}
         for name, (r, k) in cells.items()
     ]
-    # Only what is measured.
+    # Render only what is measured.
     sections = draft.sections | {"disparity": disparity, "scenes": tried, "outputs": [], "truth": "left"}
     config = parse_values(sections, "the trial's config")
     shares = np.zeros((len(scenes), len(wanted.shares)))
@@ -81,7 +81,7 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
 
 
 def _blurred(pair: Pair, width_px: int, blur_scale: float) -> Floats:
-    """Return a trial pair's measures with each of `BLURS`, (B, M), nan where it has none."""
+    """Return a trial pair's M measures with each of `BLURS`, (B, M); nan for a missing measure."""
     view, of_images = pair.frame.left, [measure for measure in MEASURES if measure.of_images]
     measured = make_view(working_width(width_px), view.image, view.disparity)
     of_map = measure_view(measured, [measure for measure in MEASURES if not measure.of_images])
@@ -100,16 +100,16 @@ def nearest_mix(
 ) -> tuple[Floats, int, int]:
     """Choose the mix whose pairs are expected to be nearest to a place, in standard deviations of its pictures.
 
-    Return the weights of R recipes, (R,) with a sum of 1, and the indices of the texture scale and the blur. The
-    weights are chosen by the distributions of the measures of disparity maps, and by the wanted disparities, since no
-    recipe can remove pixels that a mix has too many of. Texture scale and blur are chosen by the means of the measures
-    of images.
+    Returns the weights of R recipes, (R,) with a sum of 1, and the indices of the texture scale and the blur. The
+    weights are chosen by the distributions of the measures of disparity maps. Pixels in excess of the wanted histogram
+    also cost, since the solved recipes can only add pixels. Texture scale and blur are chosen by the means of the
+    measures of images.
 
     Args:
-        trial: for each recipe, of which the last is clutter, for each of `TEXELS` and for each pair: (B, M), the M
-            measures of the pair with each of `BLURS`; nan where it does not have the measure.
+        trial: for each recipe (the last is clutter), each of `TEXELS` and each pair: (B, M), the M measures with each
+            of `BLURS`; nan for a missing measure.
         shares: (R, K), expected share of each recipe's pixels in each of the K bins of the wanted histogram; 0 for
-            recipes that are solved for the disparities that the other recipes lack.
+            recipes that are solved for what the other recipes lack.
         wanted: (K,), shares of the wanted histogram.
         place: the measures of the place's pictures, at the working width.
     """
@@ -134,7 +134,7 @@ def nearest_mix(
 
 
 def _mean(values: ArrayLike, weights: Floats | None = None) -> Floats:
-    """Return weighted means along the first axis over the values that are not nan; nan where all are nan."""
+    """Return weighted means along the first axis without nan values; nan if all values are nan."""
     known = np.ma.masked_invalid(np.asarray(values, np.float64))
     means: Floats = np.ma.filled(np.ma.average(known, axis=0, weights=weights), np.nan)
     return means
@@ -143,10 +143,11 @@ def _mean(values: ArrayLike, weights: Floats | None = None) -> Floats:
 def _apart(mixes: Floats, tried: Sequence[Floats], pictures: Floats) -> Floats:
     """Return the Wasserstein-1 distances, (N,), between a measure's distributions in N mixes and in the place.
 
-    ``mixes`` are weights (N, R) of recipes, ``tried`` the measure of each recipe's trial pairs, ``pictures`` of the
-    place, in whose `unit_of` distances are. A mix's distribution function is the weighted mean of its recipes'.
+    ``mixes`` are weights (N, R) of recipes. ``tried`` has the measure for the trial pairs of each recipe, and
+    ``pictures`` for the pictures of the place; its `unit_of` is the unit of the distances.
     """
     samples = [values[np.isfinite(values)] for values in (*tried, pictures)]
+    # A mix's distribution function is the weighted mean of those of its recipes.
     steps = np.unique(np.concatenate(samples))
     *ours, theirs = (np.searchsorted(np.sort(each), steps[:-1], "right") / len(each) for each in samples)
     apart: Floats = np.abs(mixes @ np.array(ours) - theirs) @ np.diff(steps) / unit_of(pictures)
@@ -154,7 +155,7 @@ def _apart(mixes: Floats, tried: Sequence[Floats], pictures: Floats) -> Floats:
 
 
 def _far(off: Floats) -> Floats:
-    """Add up the first axis; in a sum of squares, one measure that is far off would outweigh all others."""
+    """Add costs along the first axis. They grow linearly: with squares, one outlier would outweigh all measures."""
     far: Floats = (np.sqrt(1 + off**2) - 1).sum(axis=0)
     return far
 
@@ -162,7 +163,7 @@ def _far(off: Floats) -> Floats:
 def _mixes(recipes: int) -> Floats:
     """Return all N sets of weights of R ``recipes``, (N, R), in twentieths with a sum of 1.
 
-    One twentieth always goes to the last recipe, clutter, which adds the wanted disparities that the others lack.
+    At least one twentieth goes to the last recipe, clutter, which adds the wanted disparities that the others lack.
     """
     choices = combinations_with_replacement(range(recipes), _PARTS - 1)
     return np.array([np.bincount((*chosen, recipes - 1), minlength=recipes) for chosen in choices])[::-1] / _PARTS

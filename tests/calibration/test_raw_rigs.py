@@ -102,4 +102,4 @@ def test_a_lens_that_cannot_be_used_is_left_out_with_a_note(place, monkeypatch, 
         stored(place / "stereo.yml", values)
     calibration = made(place)
     assert calibration.config.lens is None
-    assert any("the lenses were left out: " in note and words in note for note in calibration.notes)
+    assert any("the lenses were ignored: " in note and words in note for note in calibration.notes)

@@ -551,7 +551,7 @@ def test_modes_are_chosen_by_the_size(tmp_path, files):
             check(rig, k=[np.diag([scale, scale, 1]) @ each for each in (K1, K2)], size=tuple(size))
         else:
             assert (rig.size, rig.camera.focal_px, rig.camera.baseline_m) == (size, size.width_px / 2, 0.0502)
-    with pytest.raises(ReadError, match="1280 x 720, 672 x 376: give yours, --size"):
+    with pytest.raises(ReadError, match="1280 x 720, 672 x 376: choose one of these, --size"):
         read(tmp_path, files)
     with pytest.raises(ReadError, match="got 320 x 240"):
         read(tmp_path, files, size=Size(320, 240))
@@ -575,7 +575,7 @@ def test_units_are_concluded_or_given(tmp_path):
         rig = read(tmp_path, {"rig.yml": opencv(unit_m=unit_m)}, unit="cm")
         assert rig.camera.baseline_m == pytest.approx(CAMERA.baseline_m / unit_m * 0.01)
         assert not rig.notes
-    with pytest.raises(InputError, match=r"unit: .*calib\.txt states the unit: leave it out"):
+    with pytest.raises(InputError, match=r"unit: .*calib\.txt states the unit: do not give one"):
         read(tmp_path, {"calib.txt": MIDDLEBURY}, unit="mm")
 
 
@@ -622,7 +622,7 @@ def test_projections_of_another_unit_or_baseline_than_the_translation(tmp_path):
     for values in ({"T": T * 1000}, {"T": T * 1e-9}, {"P2": ALL["P2"] * [1, 1, 1, 2]}):
         rig = read(tmp_path, ALL | IMAGE | values)
         check(rig)
-    assert any(re.match("the cameras are 0.24.* apart by P, and 0.12.* by T", note) for note in rig.notes)
+    assert any(re.match("P gives a baseline of 0.24.*, and T gives 0.12", note) for note in rig.notes)
 
 
 @pytest.mark.parametrize(
@@ -651,7 +651,7 @@ def test_what_is_concluded_is_noted(tmp_path):
     check(rig, k=(K1, K1), lens=(D1, D1))
     camera = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
     rig = read(tmp_path, {"K": camera, "D": D1, "baseline": 0.2} | IMAGE)
-    assert rig.notes[0].startswith("D was left out")
+    assert rig.notes[0].startswith("D was ignored")
     assert (rig.camera.baseline_m, rig.raw) == (0.2, None)
 
 
@@ -666,7 +666,7 @@ def test_names_that_tell_nothing_are_given(tmp_path):
     stated = dict(list(keys.items())[:6])  # the size has a usual name
     values = {name: files["v"][name] for name in names.values()}
     check(read(tmp_path, {"v": values, "image_size": SIZE}, calib_keys=stated, cameras=("a", "b")))
-    with pytest.raises(InputError, match=r"calib_keys: .*no pair of cameras in K1 \(3 x 3\): name P1 and P2"):
+    with pytest.raises(InputError, match=r"calib_keys: .*no pair of cameras in K1 \(3 x 3\): give P1 and P2"):
         read(tmp_path, files, calib_keys={"K1": keys["K1"]})
     with pytest.raises(InputError, match=r"K1: no value v\.omega; there are v\.alphay"):
         read(tmp_path, files, calib_keys=keys | {"K1": "v.omega"})
@@ -721,7 +721,7 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
         (m("width=741", f"width={'9' * 5000}"), "rig.txt: "),
         (m("baseline=193.001", "baseline=1e300"), "baseline_m: "),
         (KITTI.replace("2.199936e+00", "2.2e+01"), "not rectified"),
-        (KITTI.replace("S_rect_03: 1.242", "S_rect_03: 1.250"), "one size of both cameras"),
+        (KITTI.replace("S_rect_03: 1.242", "S_rect_03: 1.250"), "the same size for both cameras"),
         (message("2") + message("1"), "swap"),
         (kalibr(coefficients=(D1, D2[:3])), r"coefficients of both lenses, got .*cam1\.distortion_coeffs \(3\)"),
         (m("baseline=193.001", "baseline=0"), "the baseline is 0 m: expected one above 0"),
@@ -823,13 +823,13 @@ TWO_MODELS = re.sub(r"cols: 5\n   dt: d\n   data: \[[^]]*", FOUR_OF_FISHEYE, ros
         (ALL | IMAGE | {"distortion_model": "equidistant"}, "expected 4 coefficients of a fisheye"),
         ({"left.yaml": TWO_MODELS, "right.yaml": ros("2")}, "lenses of one model"),
         # As in KITTI's recordings, whose rectified images are a part of the raw ones.
-        ({"calib.txt": kitti() + RAW_KITTI}, "raw images of 741 x 500, as rectified ones, got 1392 x 512"),
+        ({"calib.txt": kitti() + RAW_KITTI}, "raw images of 741 x 500, the size of rectified images, got 1392 x 512"),
     ],
 )
 def test_a_rectified_rig_does_without_a_lens_that_cannot_be_used(tmp_path, files, words):
     rig = read(tmp_path, files)
     assert rig.raw is None
-    assert any(re.search(f"the lenses were left out: .*{words}", note) for note in rig.notes)
+    assert any(re.search(f"the lenses were ignored: .*{words}", note) for note in rig.notes)
 
 
 # What damages a number or a name: other values, other names, and nothing.
