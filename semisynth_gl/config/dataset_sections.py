@@ -1,4 +1,4 @@
-"""The sections that hold for all pairs of a dataset: no recipe may change their keys."""
+"""The sections that are the same for all pairs of a dataset: no recipe may change their keys."""
 
 from collections.abc import Collection, Iterator
 from typing import Annotated
@@ -11,20 +11,20 @@ from semisynth_gl.plugins import BUILT_IN
 from semisynth_gl.seeds.splits import Split, SplitName
 
 LAYOUTS = BUILT_IN["layouts"]
-"""The names of the program's own layouts: the modules of `semisynth_gl.layouts`."""
+"""The names of the built-in layouts."""
 
 
 class ChecksSection(Section):
-    """Conditions on each pair (of a sequence, its first frame). A scene that fails is sampled again."""
+    """Conditions on each pair (in a sequence, on its first frame). A scene that fails is sampled again."""
 
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
-    """least mean of the darker image, 8-bit levels"""
+    """minimum mean level of the darker image, 8-bit levels"""
     min_texture: NotNegative = 1.0
-    """least texture of the flatter image, as ``textures.min_texture``"""
+    """minimum texture of the flatter image, measured as for ``textures.min_texture``"""
     min_valid: Share = 0.5
-    """least share of valid disparities in each view"""
+    """minimum share of valid disparities in each view"""
     attempts: Annotated[int, Field(ge=1, le=10_000)] = 10
-    """attempts before the run fails"""
+    """number of attempts before the run fails"""
 
 
 class SequenceSection(Section):
@@ -48,14 +48,14 @@ class FilesSection(Section):
 
 
 class SplitsSection(Section):
-    """What only validation or test pairs show."""
+    """How much material is kept for validation and test pairs only."""
 
     validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
     """share of the photographs' subjects"""
     test: Annotated[float, Field(gt=0, lt=1)] = 0.1
     """share of the photographs' subjects"""
     models: bool = False
-    """hold out the same shares of models too"""
+    """split models too, with the same shares"""
 
     def _rules(self) -> Iterator[Rule]:
         total = self.validation + self.test
@@ -71,8 +71,8 @@ class LicencesSection(Section):
     """Licences that the dataset's index and card state."""
 
     dataset: str = "unknown"
-    """the dataset's, by the name that hubs use"""
+    """licence of the dataset, by the name that hubs use"""
     images: str = "unknown"
-    """that of your photographs and of a plug-in's pictures"""
+    """licence of your photographs and of a plug-in's pictures"""
     models: str = "unknown"
-    """that of your models and of a plug-in's models"""
+    """licence of your models and of a plug-in's models"""

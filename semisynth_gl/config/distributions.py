@@ -1,4 +1,4 @@
-"""The distributions of disparity that a config may ask for in ``disparity.target``."""
+"""The distributions of disparity that ``disparity.target`` may have."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -115,7 +115,7 @@ def shares_beyond(target: TargetSection, min_px: float, max_px: float) -> tuple[
 
 
 def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_px: float) -> Histogram:
-    """Return a target as a histogram of disparity, px; see `semisynth_gl.config.model.Config.wanted_histogram`.
+    """Return a target as a histogram of disparity, px, as `semisynth_gl.config.model.Config.wanted_histogram` says.
 
     ``doffs_px`` is the mean cx_right - cx_left of the cameras.
     """

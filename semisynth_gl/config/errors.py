@@ -1,36 +1,36 @@
-"""Messages on the faults of a config: where its keys were set, what was expected and what came."""
+"""Messages on the faults of a config: where its keys were set, what was expected, and what they have."""
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from semisynth_gl.config.explain import config_keys
 from semisynth_gl.config.fields import ConfigError, Section
-from semisynth_gl.config.layers import Layer, dotted, holds, merged, undotted
+from semisynth_gl.config.layers import ConfigLayer, dotted, holds, merged, undotted
 from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.inputs.errors import did_you_mean, near, shown
 
 
 def reason_of(fault: ErrorDetails) -> str:
-    """Return the reason that pydantic or a validator gives for a fault, as a clause that begins in lower case."""
+    """Return pydantic's or a validator's message on a fault, beginning in lower case."""
     if fault["type"] == "tuple_type":
         return "expected a list, such as [a, b]"
     reason = fault["msg"].removeprefix("Value error, ")
     return f"{reason[0].lower()}{reason[1:]}"
 
 
-def explained(error: ValidationError, layer: Layer) -> str:
-    """Return a line for each fault that pydantic found in a layer's values; each recipe repeats the config's faults."""
+def explained(error: ValidationError, layer: ConfigLayer) -> str:
+    """Return a line for each fault that pydantic found in a layer's values, without repetitions in recipes."""
     faults = error.errors(include_url=False)
     own = [fault for fault in faults if fault["loc"][2:3] != ("config",)]
     return "\n".join(dict.fromkeys(_line(fault, layer) for fault in own or faults))
 
 
-def _line(fault: ErrorDetails, layer: Layer) -> str:
+def _line(fault: ErrorDetails, layer: ConfigLayer) -> str:
     location, values, recipe = fault["loc"], layer.values, Key()
     if location[2:3] == ("config",):
         recipe, location = location[:2], location[3:]
         values = merged(values, values["scenes"][recipe[1]])
-    # Pydantic's locations name forms and types too, which are no keys.
+    # Pydantic's locations also contain forms and types, which are not keys.
     key = Key()
     for part in location:
         key = (*key, part) if holds(values, (*key, part)) else key
@@ -44,12 +44,12 @@ def _line(fault: ErrorDetails, layer: Layer) -> str:
         case _:
             is_rule = isinstance(error, ConfigError) or isinstance(fault["input"], dict | BaseModel)
             reason = reason_of(fault) + ("" if is_rule else f", got {shown(fault['input'])}")
-    # A recipe's own key is at fault before the config's.
+    # If the recipe sets the key, blame the recipe's key, else the config's.
     return layer.said(reason, [(*recipe, *each) if holds(layer.values, (*recipe, *each)) else each for each in keys])
 
 
 def _hint(key: Key) -> str:
-    """Return a question with the keys that an unknown key may have been meant for: similar, or in another section."""
+    """Return a "did you mean" with similar keys of the same section, and keys of that name in other sections."""
     elsewhere = [each for each in config_keys() if each.rpartition(".")[2] == key[-1]]
     section = dotted(key[:-1])
     beside = [each for each in config_keys() if each.rpartition(".")[0] == section]

@@ -1,4 +1,4 @@
-"""The keys of a config with their documentation, and a config in full as YAML."""
+"""The keys of a config with their documentation, and a config as YAML with all keys."""
 
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -16,9 +16,9 @@ _WIDTH = 100
 
 @cache
 def config_keys() -> Mapping[str, FieldInfo]:
-    """Return the keys outside of sections by their names, and then each section and its keys, by dotted name.
+    """Return all keys by dotted name: first those outside of sections, then each section and its keys.
 
-    Keys in lists and in the forms of a target are left out.
+    Keys inside lists and inside a target are left out.
     """
     return dict(_keys_of(Config, ""))
 
@@ -33,7 +33,7 @@ def _keys_of(section: type[BaseModel], above: str) -> Iterator[tuple[str, FieldI
 
 
 def section_of(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the section that a key takes; None if it takes a plain value, or one of several forms."""
+    """Return the class of a key's section; None if the key has a plain value, or one of several forms."""
     found = [each for each in get_args(field.annotation) or (field.annotation,) if each is not type(None)]
     match found:
         case [type() as section] if issubclass(section, BaseModel):
@@ -47,7 +47,7 @@ def meaning(field: FieldInfo) -> str:
 
 
 def explain(config: Config) -> str:
-    """Return a config as YAML of the same digest, with all its keys, defaults included, and a comment on each."""
+    """Return a config as YAML with all keys, including defaults, and a comment on each; its digest is the same."""
     return "\n".join(_section(config, "")) + "\n"
 
 
@@ -56,7 +56,7 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
     values = section.model_dump(mode="json")
     for key, field in type(section).model_fields.items():
         inner = getattr(section, key)
-        # Some keys are left out of the values where they are empty.
+        # model_dump leaves out some empty keys.
         value = values.get(key, inner)
         mark = f"{indent}# "
         text = meaning(field).replace("``", "")

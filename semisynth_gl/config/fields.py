@@ -17,17 +17,17 @@ from pydantic import (
 )
 
 LARGEST = 1e6
-"""Largest magnitude of any number in a config: far above useful values, and far below overflow."""
+"""Maximum magnitude of any number in a config: far above useful values, and far below overflow."""
 
 SMALLEST = 1e-6
-"""Smallest number accepted where a number above 0 is expected; its inverse is `LARGEST`."""
+"""Minimum of numbers that must be above 0; its inverse is `LARGEST`."""
 
 
 class ConfigError(ValueError):
     """A rule over several keys is broken.
 
     Attributes:
-        keys: the dotted keys that the rule is about, below the section that states the rule.
+        keys: the dotted keys in the rule, relative to the section that states the rule.
     """
 
     def __init__(self, text: str, keys: Iterable[str]) -> None:
@@ -36,19 +36,19 @@ class ConfigError(ValueError):
 
 
 Rule = tuple[bool, str, Iterable[str]]
-"""Whether a rule over several keys is broken, the message, and the keys as in `ConfigError`."""
+"""Whether a rule over several keys is broken; the message; and the keys, as in `ConfigError`."""
 
 
 class Section(BaseModel):
-    """Base of all sections: unknown keys are errors, values are not coerced, nothing changes after loading.
+    """Base class of all sections: unknown keys are errors, values are not coerced, and sections are immutable.
 
-    The docstring below a key is its text in ``semisynth-gl configs NAME`` and in the manual.
+    The docstring below a key is its description in ``semisynth-gl configs NAME`` and in the manual.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
     def _rules(self) -> Iterator[Rule]:
-        """Yield the rules about keys that are valid one by one; the first one that is broken is reported."""
+        """Yield rules over several keys, each of which is valid by its own type; the first broken rule is reported."""
         yield from ()
 
     @model_validator(mode="after")
@@ -72,7 +72,7 @@ class Range:
         return (self.low + self.high) / 2
 
     def sample(self, rng: np.random.Generator) -> float:
-        """Sample uniformly. It always takes one random number, so fixing a value does not shift later ones."""
+        """Sample uniformly. One random number is used even if low equals high, so that later samples stay the same."""
         return self.low + (self.high - self.low) * float(rng.random())
 
     def sample_log(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -88,7 +88,7 @@ ZERO = Range(0.0, 0.0)
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value from YAML is a number of a size that a config may have; true and false are not."""
+    """Return whether a value from YAML is a number, but not true or false, of at most `LARGEST` in magnitude."""
     return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
 
 
@@ -126,7 +126,7 @@ def one_of(names: Iterable[str]) -> AfterValidator:
     return _rule(known.__contains__, f"one of {', '.join(known)}")
 
 
-# Turns a YAML list into a tuple, since frozen sections hold tuples.
+# Converts a YAML list into a tuple, since immutable sections have tuples.
 FROM_LIST = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -138,7 +138,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$", max_length=10
 PluginName = Annotated[str, Field(min_length=1, max_length=100)]
 PathText = Annotated[str, Field(pattern=r"^[^\x00]+$")]
 
-# Plain, since pydantic would make a schema of the class `Range` for each use, which takes time.
+# A plain validator, since pydantic would otherwise build a schema of `Range` for each use, which is slow.
 RangeField = Annotated[Range, PlainValidator(_parse_range), PlainSerializer(written_range)]
 PositiveRange = Annotated[RangeField, within(SMALLEST)]
 NotNegativeRange = Annotated[RangeField, within(0)]

@@ -1,6 +1,6 @@
-"""How a config's other keys change with the size of its images.
+"""Adjusts the keys of a config to a different image size.
 
-Invalid values are passed on unchanged, for the config's checks to refuse.
+Invalid values are returned unchanged: the checks of the config refuse them later.
 """
 
 from collections.abc import Callable
@@ -10,41 +10,40 @@ from semisynth_gl.config.fields import Range, is_number, written_range
 from semisynth_gl.config.layers import Values
 from semisynth_gl.config.model import Config
 
-# In these sections, keys that end in _px are in pixels of a pattern or a patch; elsewhere, of an image.
+# In these sections, keys that end in _px are in pixels of a pattern or a patch; elsewhere in pixels of an image.
 _OF_PICTURES = ("projector", "textures")
 _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px", "raw_width_px", "raw_height_px")
 _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height_px"}
 
-# What becomes of a number, by the name of its section and its key.
+# Returns the new number for the name of its section, its key and the old number.
 Change = Callable[[str, str, float], float]
 
 
 def recentred(below: Values, above: Values) -> Values:
     """Return the values ``below`` with principal points moved to fit the image size that ``above`` states.
 
-    ``above`` holds the values that will be merged over ``below``. Images of another size are cropped or extended about
-    their middle, so a principal point keeps its distance from the middle. Principal points that ``above`` states itself
-    are not moved.
+    ``above`` has the values that will be merged over ``below``. A different size crops or extends images about their
+    middle, so a principal point keeps its distance from the middle. If ``above`` states a principal point, it stays.
     """
     before, stated = below.get("camera"), above.get("camera")
     if not (isinstance(before, dict) and isinstance(stated, dict)):
         return below
 
-    def beside_middle(section: str, key: str, at: float) -> float:
+    def moved(section: str, key: str, at: float) -> float:
         side = _POINTS.get(key, "")
         old, new = before.get(side), stated.get(side)
         if section == "camera" and key not in stated and is_number(old) and is_number(new) and old != new:
             return (new - 1) / 2 + (at - (old - 1) / 2)
         return at
 
-    return _changed(below, beside_middle)
+    return _changed(below, moved)
 
 
 def scaled(values: Values, factor: float) -> Values:
-    """Return a config's values for the same images at another resolution, ``factor`` times as many pixels per side.
+    """Return a config's values for the same images with ``factor`` times as many pixels per side.
 
-    Ranges in pixels that are left at their defaults are scaled too, and so are written out in the result.
+    Defaults in pixels are scaled too, so the result states them.
     """
 
     def at_scale(section: str, key: str, value: float) -> float:
@@ -54,7 +53,7 @@ def scaled(values: Values, factor: float) -> Values:
             return value
         if key in _SIDES:
             return max(round(value * factor), 1)
-        # Principal points count from the first pixel's centre, and the image's border lies half a pixel before that.
+        # Principal points are measured from the centre of the first pixel, half a pixel inside the image's border.
         border = 0.5 if key in (*_POINTS, "cx_px") else 0.0
         return (value + border) * factor - border
 
@@ -69,10 +68,10 @@ def scaled(values: Values, factor: float) -> Values:
 
 
 def _changed(values: Values, change: Change) -> Values:
-    """Return the values with all numbers of their sections changed, in recipes too."""
+    """Return the values with all numbers in sections changed, also in recipes."""
 
     def changed(section: str, key: str, value: Any) -> Any:  # noqa: ANN401 - any YAML value
-        """Change all numbers in a value; ``key`` is the nearest key above them."""
+        """Change all numbers in a value; ``key`` is the innermost key around it."""
         if isinstance(value, dict):
             return {name: changed(section, name, each) for name, each in value.items()}
         if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Merging the values of configs key by key: a config over the one that it extends, a recipe over its config."""
+"""Merges configs key by key: a config over the config that it extends, and a recipe over its config."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ Values = dict[str, Any]
 OVERRIDE = "override"
 """The place of a key that ``--set`` or the argument ``overrides`` has set."""
 
-# Alternative keys for the same property: a key that is set later removes the keys that it replaces.
+# Alternative keys for one property: setting a key removes the other keys of that property below it.
 _REPLACES = {
     "focal_px": ("focal_mm", "sensor_width_mm"),
     "focal_mm": ("focal_px",),
@@ -28,13 +28,13 @@ def merged(below: Values, above: Mapping[str, Any]) -> Values:
     """Return the values ``above`` over those ``below``.
 
     Mappings are merged key by key; all other values, and mappings with a key ``form``, are replaced whole. A key
-    removes those below that state the same property.
+    also removes the alternative keys of the same property below it.
     """
     replaced = {name for key in above for name in _REPLACES.get(key, ())}
     result = {key: value for key, value in below.items() if key not in replaced}
     for key, value in above.items():
         old = result.get(key)
-        # A mapping with a form states all keys of that form; keys of another form must not remain.
+        # A mapping with a form is complete; keys of a different form must not remain.
         if isinstance(old, dict) and isinstance(value, dict) and "form" not in value:
             result[key] = merged(old, value)
         else:
@@ -43,22 +43,22 @@ def merged(below: Values, above: Mapping[str, Any]) -> Values:
 
 
 @dataclass(frozen=True, slots=True)
-class Layer:
-    """Plain values of a config, and the place where each key was set: ``file:line``, or `OVERRIDE`.
+class ConfigLayer:
+    """The values of one source of a config, and the place where each key was set: ``file:line``, or `OVERRIDE`.
 
-    A place that was set later comes later in ``places``. The place of the key () is the file.
+    ``places`` has the order in which keys were set. The place of the key () is the file.
     """
 
     values: Values
     places: dict[Key, str] = field(default_factory=dict)
 
-    def over(self, below: "Layer") -> "Layer":
-        """Return this layer merged over another one; see `merged`."""
+    def over(self, below: "ConfigLayer") -> "ConfigLayer":
+        """Return this layer merged over the layer ``below``; see `merged`."""
         kept = {key: place for key, place in below.places.items() if key not in self.places}
-        return Layer(merged(below.values, self.values), kept | self.places)
+        return ConfigLayer(merged(below.values, self.values), kept | self.places)
 
     def said(self, text: str, keys: Sequence[Key]) -> str:
-        """Return a message on a fault of some keys, each with its place; the key that was set last comes first."""
+        """Return a message on a fault of several keys with their places; the key that was set last comes first."""
         stated = [key for key in keys if holds(self.values, key)] or keys[:1]
         homes = {key: self._home(key) for key in stated}
         order = [(), *self.places]
@@ -69,13 +69,13 @@ class Layer:
         return f"{start}: {text}" + (f" (with {', '.join(notes)})" if notes else "")
 
     def _home(self, key: Key) -> Key:
-        """Return the key whose place a key has: itself, the nearest section around it, a key in it, or () for none."""
+        """Return the key whose place is shown for a key: itself, the nearest section around it, a key in it, or ()."""
         around = (key[:n] for n in range(len(key), 0, -1) if key[:n] in self.places)
         return next(around, next((each for each in self.places if key and each[: len(key)] == key), ()))
 
 
 def holds(values: Any, key: Key) -> bool:  # noqa: ANN401 - any YAML value
-    """Return whether nested mappings and lists have a key."""
+    """Return whether nested mappings and lists contain a key."""
     try:
         for part in key:
             values = values[part]
@@ -90,5 +90,5 @@ def dotted(key: Key) -> str:
 
 
 def undotted(text: str) -> Key:
-    """Return the key of a dotted one; a number is an item of a list."""
+    """Return the key of a dotted text; a number is an index into a list."""
     return tuple(int(part) if part.isdecimal() else part for part in text.split("."))

@@ -1,4 +1,4 @@
-"""Reading a config: layers of YAML and overrides, merged and then checked once."""
+"""Reads a config: layers of YAML and overrides are merged, and then checked once."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.errors import explained
 from semisynth_gl.config.fields import LARGEST, SMALLEST, is_number
 from semisynth_gl.config.image_size import recentred, scaled
-from semisynth_gl.config.layers import OVERRIDE, Layer, Values, merged
+from semisynth_gl.config.layers import OVERRIDE, ConfigLayer, Values, merged
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.inputs.errors import InputError, cut, did_you_mean, near, shown
@@ -39,9 +39,9 @@ def summaries() -> dict[str, str]:
 def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     """Read a config.
 
-    Where an override or an extending config changes ``camera.width_px`` or ``height_px``, principal points that it does
-    not state itself keep their distance from the image's middle. ``scale`` first changes the resolution of the config
-    that a file extends, or that an override changes.
+    If an override or an extending config changes ``camera.width_px`` or ``height_px``, but states no principal points,
+    these keep their distance from the image's middle. Before other keys are merged, ``scale`` changes the resolution of
+    the config that a file extends or an override changes.
 
     Args:
         name_or_path: a path, or the name of a packaged config with or without ".yaml".
@@ -49,26 +49,26 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
             ``"camera.width_px=640"``, with a value in YAML, and of ``("camera.width_px", 640)``; later ones win.
 
     Raises:
-        InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what came.
+        InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what was found.
     """
     return _validated(_over(_read(_find_config(str(name_or_path)), ()), _override_layer(overrides)))
 
 
 def parse_values(values: Values, file: str) -> Config:
-    """Return the config of values as YAML has them; messages name ``file`` as their source.
+    """Return the config that has these values, as read from YAML; messages name ``file`` as their source.
 
     Raises InputError as `load_config` does.
     """
-    return _validated(Layer(values, {(): file}))
+    return _validated(ConfigLayer(values, {(): file}))
 
 
-def _validated(layer: Layer) -> Config:
+def _validated(layer: ConfigLayer) -> Config:
     layer = _with_plugin_recipes(layer)
     try:
         config = Config.model_validate(layer.values)
     except ValidationError as error:
         raise InputError(explained(error, layer)) from None
-    installed_plugins()  # refuses one that has a built-in name, which the config may mean
+    installed_plugins()  # refuses a plug-in that has the name of something built in
     used = config.used_plugins()
     if config.layout is not None and config.layout not in LAYOUTS:
         used["layout",] = ("layouts", config.layout)
@@ -79,8 +79,8 @@ def _validated(layer: Layer) -> Config:
 
 
 @contextmanager
-def _about(layer: Layer, *keys: Key) -> Iterator[None]:
-    """Put the place of keys in front of the message of an InputError."""
+def _about(layer: ConfigLayer, *keys: Key) -> Iterator[None]:
+    """Put the places of keys in front of the message of an InputError."""
     try:
         yield
     except InputError as error:
@@ -89,7 +89,7 @@ def _about(layer: Layer, *keys: Key) -> Iterator[None]:
 
 def _find_config(name: str) -> Path:
     path = expanded(name)
-    # A text that the system takes for no path, such as one that is too long, names no config.
+    # os.path returns False for texts that cannot be paths, such as very long ones.
     if os.path.exists(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112 - pathlib raises
         return path
     stem, names = path.name.removesuffix(".yaml"), packaged_configs()
@@ -100,8 +100,8 @@ def _find_config(name: str) -> Path:
     raise InputError(f"no such config: {cut(name)}; {f'{hint} ' if hint else ''}{expected}")
 
 
-def _read(path: Path, above: tuple[str, ...]) -> Layer:
-    """Read a file, with the configs below it that it extends; ``above`` are the files that extend it."""
+def _read(path: Path, above: tuple[str, ...]) -> ConfigLayer:
+    """Read a file and the configs that it extends; ``above`` are the files that extend this file."""
     file = str(path)
     if file in above:
         raise InputError(f"{file}: configs extend each other in a circle: {' -> '.join((*above, file))}")
@@ -113,11 +113,11 @@ def _read(path: Path, above: tuple[str, ...]) -> Layer:
         raise InputError(f"{file}{'' if error.line is None else f':{error.line}'}: {error}") from None
     if not isinstance(values, dict):
         raise InputError(f"{file}:1: expected sections such as camera: and disparity:, got {shown(values)}")
-    layer = Layer(values, {(): file} | {key: f"{file}:{line}" for key, line in lines.items()})
+    layer = ConfigLayer(values, {(): file} | {key: f"{file}:{line}" for key, line in lines.items()})
     base_name = values.get("extends")
     if base_name is None:
         if "scale" in values:
-            raise InputError(layer.said("expected extends beside it, which names what to scale", [("scale",)]))
+            raise InputError(layer.said("expected a key extends, which names the config to scale", [("scale",)]))
         return layer
     with _about(layer, ("extends",)):
         if not isinstance(base_name, str):
@@ -127,14 +127,14 @@ def _read(path: Path, above: tuple[str, ...]) -> Layer:
     return _over(_read(base_path, (*above, file)), layer)
 
 
-def _override_layer(overrides: Overrides) -> Layer:
-    if isinstance(overrides, str):  # a sequence of texts too
+def _override_layer(overrides: Overrides) -> ConfigLayer:
+    if isinstance(overrides, str):  # a text is a sequence of texts
         raise InputError(f"overrides must be a Mapping or a list, got the text {shown(overrides)}: put it into a list")
     layers = map(_parse_override, overrides.items() if isinstance(overrides, Mapping) else overrides)
-    return reduce(lambda below, own: own.over(below), layers, Layer({}))
+    return reduce(lambda below, own: own.over(below), layers, ConfigLayer({}))
 
 
-def _parse_override(override: str | tuple[str, Any]) -> Layer:
+def _parse_override(override: str | tuple[str, Any]) -> ConfigLayer:
     if isinstance(override, str):
         name, equals, text = override.partition("=")
         if not equals or not name:
@@ -150,17 +150,17 @@ def _parse_override(override: str | tuple[str, Any]) -> Layer:
         expected = "a file's own key" if key == ("extends",) else "lists are set whole, by their key without numbers"
         raise InputError(f"{OVERRIDE} {cut(name)}: {expected}")
     values = reduce(lambda below, part: {part: below}, reversed(key), value)
-    return Layer(values, dict.fromkeys(_keys_of(value, key), OVERRIDE))
+    return ConfigLayer(values, dict.fromkeys(_keys_of(value, key), OVERRIDE))
 
 
 def _keys_of(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML value
-    """Return ``key``, whose value is ``value``, and the keys of all values inside that value."""
+    """Return ``key`` and the keys of all values inside its ``value``."""
     parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     return [key, *(below for part, child in parts for below in _keys_of(child, (*key, part)))]
 
 
-def _over(below: Layer, layer: Layer) -> Layer:
-    """Merge a layer over another, which is scaled or recentred where the layer changes the images."""
+def _over(below: ConfigLayer, layer: ConfigLayer) -> ConfigLayer:
+    """Merge ``layer`` over ``below``, which is scaled or recentred if ``layer`` changes the image size."""
     values, factor = below.values, layer.values.get("scale")
     if factor is not None:
         if not (is_number(factor) and factor >= SMALLEST):
@@ -170,8 +170,8 @@ def _over(below: Layer, layer: Layer) -> Layer:
     return replace(layer, values=own).over(replace(below, values=recentred(values, own)))
 
 
-def _with_plugin_recipes(layer: Layer) -> Layer:
-    """Merge each recipe over the plug-in's recipe that it extends."""
+def _with_plugin_recipes(layer: ConfigLayer) -> ConfigLayer:
+    """Merge each recipe over the plug-in's recipe that it extends, if any."""
     recipes = layer.values.get("scenes")
     if not isinstance(recipes, list):
         return layer

@@ -1,4 +1,4 @@
-"""The typed config: every key that a YAML file may set, with its default and its limits."""
+"""The config: each key that a YAML file may set, with type, default and limits."""
 
 import hashlib
 import json
@@ -44,15 +44,15 @@ from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, DRAW
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.plugins import Group
 
-# None stays out of the digest, so that configs without these sections kept their digest.
+# None is left out of the digest, so that configs without these sections keep the digest from before these existed.
 _LEFT_OUT = Field(exclude_if=lambda section: section is None)
 
 RECIPE_KEYS = ("recipe", "extends", "weight")
-"""The keys of a recipe beside its sections."""
+"""The keys of a recipe that are no sections."""
 
-# The sections that a recipe may change, and the keys of these that hold for all pairs of a dataset: the kind of images,
-# the shape of pixels, the number of pairs per scene, the sets of models and patches, the sampling of patches by the
-# graphics card, and the limits by which truth is stored and checked.
+# The sections that a recipe may change, and the keys in them that it may not change. These are the same for all pairs:
+# size and colour of images, shape of pixels, number of pairs per scene, models, patches and their sampling, and the
+# limits by which truth is stored and checked.
 _FIXED: Mapping[str, Collection[str]] = {
     "camera": {"width_px", "height_px", "fy_over_fx", "baselines", "colour"},
     "disparity": DisparitySection.model_fields.keys() - {"target"},
@@ -63,9 +63,9 @@ _FIXED: Mapping[str, Collection[str]] = {
 
 
 class RecipeSection(Section):
-    """A recipe of scenes: keys of sections that replace the config's keys.
+    """A recipe of scenes: keys that replace the config's keys.
 
-    In YAML, the sections stand beside ``recipe`` and ``weight``, see `_whole`.
+    In YAML, the sections are beside ``recipe`` and ``weight``; `_whole` rearranges them.
     """
 
     recipe: Name
@@ -73,9 +73,9 @@ class RecipeSection(Section):
     extends: Annotated[PluginName | None, _LEFT_OUT] = None
     """name of a plug-in's recipe, over which the keys are merged when the config is read"""
     weight: Weight = 1.0
-    """weight of the recipe; its share of the sequences is in proportion to this"""
+    """weight of the recipe, to which its share of the sequences is proportional"""
     given: dict[str, Any]
-    """the keys that the recipe states, as they are in YAML"""
+    """the keys that the recipe states, as in YAML"""
     config: "Config"
     """the whole config with the recipe's keys merged in, and without recipes"""
 
@@ -87,7 +87,7 @@ class RecipeSection(Section):
             if section in Config.model_fields and section not in _FIXED:
                 fixed = [section]
             for key in fixed:
-                text = f"a recipe cannot change this key, which holds for all pairs: set {key} beside scenes"
+                text = f"a recipe cannot change this key, which is the same for all pairs: set {key} outside scenes"
                 raise ConfigError(text, (key,))
         return given
 
@@ -108,7 +108,7 @@ def _whole(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
 
 
 def _picked(values: Any, given: Any) -> Any:  # noqa: ANN401 - any JSON value
-    """Return, of the values of a config, those that a recipe states."""
+    """Return those values of a config that a recipe states."""
     if not isinstance(given, dict) or "form" in given:
         return values
     return {key: _picked(value, given[key]) for key, value in values.items() if key in given}
@@ -116,9 +116,9 @@ def _picked(values: Any, given: Any) -> Any:  # noqa: ANN401 - any JSON value
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A recipe, which a ``share`` of the sequences follows; ``config`` is the whole config of its scenes.
+    """A recipe, the ``share`` of the sequences that use it, and the whole ``config`` of its scenes.
 
-    A config without recipes is its own only recipe, whose name is None.
+    A config without recipes has one recipe: itself, with the name None.
     """
 
     name: str | None
@@ -127,11 +127,11 @@ class Recipe:
 
 
 class Config(Section):
-    """A config: with a seed and an index, it determines a pair. The class of each section documents its keys."""
+    """A config. Config, seed and index determine a pair. The class of each section documents its keys."""
 
     name: Name
-    """start of each pair's name: letters, digits and hyphens"""
-    # Excluded from the values and the digest, since it changes no pair.
+    """beginning of each pair's name: letters, digits and hyphens"""
+    # Excluded from values and digest, since it changes no pair.
     layout: Annotated[PluginName | None, Field(exclude=True)] = None
     """layout; by default ``middlebury``, from 10,000 pairs on ``webdataset``"""
     camera: CameraSection
@@ -144,7 +144,7 @@ class Config(Section):
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
     scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST] = ()
-    """list of recipes; each sequence takes one, by weight"""
+    """list of recipes; each sequence has one, sampled by weight"""
     rig: RigSection = RigSection()
     lens: Annotated[LensSection | None, _LEFT_OUT] = None
     projector: Annotated[ProjectorSection | None, _LEFT_OUT] = None
@@ -155,7 +155,7 @@ class Config(Section):
     splits: SplitsSection = SplitsSection()
     licences: LicencesSection = LicencesSection()
     outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], FROM_LIST] = DEFAULT_OUTPUTS
-    """outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``, ``sky``,
+    """outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``, ``sky``,
     ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``, ``raw``, ``raw_map``"""
     truth: TruthViews = "both"
     """views that get truth: ``both`` or ``left``"""
@@ -182,7 +182,7 @@ class Config(Section):
             is_cut = not self.lens.border_disparity
             masked = [name for name in self.outputs if name in ("visibility", "flow", "flow_backward")]
             for name in masked or ["disparity"] * is_cut:
-                text = f"{name} leaves out what the sensors of lens did not see: add valid to outputs, which marks it"
+                text = f"{name} leaves out what the sensors of lens do not see: add valid to outputs, which marks that"
                 yield "valid" not in outputs, text, ("lens", "outputs")
             text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
             has_no_flow = "disparity_change" in outputs and "flow" not in outputs
@@ -210,7 +210,7 @@ class Config(Section):
         yield is_beyond, text, ("disparity.min_px", "disparity.target", "camera.doffs_px")
 
     def _shown_px(self) -> dict[str, Range]:
-        """Return the disparities that the sections state for objects that scenes can show, by dotted key."""
+        """Return the stated disparities of all objects that scenes can show, by dotted key."""
         disparity, background, structures, particles = self.disparity, self.background, self.structures, self.particles
         shown: dict[str, Range | None] = {"disparity.min_px": Range(disparity.min_px, disparity.min_px)}
         if background.cuboid or background.room:
@@ -225,12 +225,12 @@ class Config(Section):
 
     @property
     def images_as_rendered(self) -> bool:
-        """Whether images stay as they are drawn: no lens and no imperfections change them."""
+        """Whether neither a lens nor imperfections change the rendered images."""
         return self.lens is None and self.imperfections.none()
 
     @property
     def views(self) -> int:
-        """Number of pairs per scene: pair i shows scene i // views, seen by right camera i % views."""
+        """Number of pairs per scene: pair i shows scene i // views with right camera i % views."""
         return len(self.camera.baseline_ranges_m) * (2 if self.rig.twin else 1)
 
     @property
@@ -240,12 +240,12 @@ class Config(Section):
 
     @property
     def encodings(self) -> Encodings:
-        """The codecs that the section ``files`` names, signed or not as the config's disparities are."""
+        """The codecs that the section ``files`` names; they are for signed disparities if the config's are signed."""
         files = self.files
         return Encodings.from_names(files.image, files.disparity, files.flow, signed=self.disparity.signed)
 
     def recipes(self) -> tuple[Recipe, ...]:
-        """Return the recipes of the sequences, at least one; those of weight 0 are left out."""
+        """Return the recipes with a weight above 0, at least one."""
         total = sum(section.weight for section in self.scenes)
         return tuple(
             Recipe(section.recipe, section.weight / total, section.config)
@@ -265,13 +265,13 @@ class Config(Section):
     def shown_histogram(self) -> Histogram:
         """Return the distribution of disparity over all pairs, if scenes match the wanted distribution.
 
-        Where a scene has several baselines, the longest has the wanted distribution, and pairs with shorter baselines
-        show smaller disparities.
+        If scenes have several baselines, pairs of the longest baseline have the wanted distribution; pairs of shorter
+        baselines have smaller disparities.
         """
         return self.across_baselines(self.wanted_histogram())
 
     def across_baselines(self, longest: Histogram) -> Histogram:
-        """Return the distribution of disparity over all pairs, given that of the longest baselines' pairs."""
+        """Return the distribution of disparity over all pairs, given that of the pairs of the longest baseline."""
         ratios, counts = self.camera.baseline_ratios()
         if len(ratios) == 1:
             return longest
@@ -280,7 +280,7 @@ class Config(Section):
         parts = [(count, longest.seen_from(ratio, doffs_px)) for ratio, count in zip(ratios, counts, strict=True)]
         lowest = float(min(part.edges_px[0] for _, part in parts))
         if not self.disparity.signed:
-            # Disparities that are not signed end at 0.
+            # Unsigned disparities end at 0.
             lowest = max(0.0, lowest)
         width = longest.edges_px[1] - longest.edges_px[0]
         below = np.linspace(lowest, longest.edges_px[0], 1 + math.ceil((longest.edges_px[0] - lowest) / width))
@@ -288,7 +288,7 @@ class Config(Section):
         return Histogram.from_counts(edges, sum(count * np.diff(part.cumulative(edges)) for count, part in parts))
 
     def used_plugins(self) -> dict[Key, tuple[Group, str]]:
-        """Return the group and name of each plug-in that the config asks for, by the key that names it."""
+        """Return the group and name of each plug-in that the config uses, by the key that names it."""
         used: dict[Key, tuple[Group, str]] = {}
         if self.textures.source not in TEXTURE_SOURCES:
             used["textures", "source"] = ("textures", self.textures.source)
@@ -304,11 +304,11 @@ class Config(Section):
         return used
 
     def digest(self) -> str:
-        """Return the SHA-256 of the config's values, 64 hex digits; notation does not change it."""
+        """Return the SHA-256 of the config's values, 64 hex digits; their notation in YAML does not change it."""
         return digest_of(self.model_dump(mode="json"))
 
 
 def digest_of(values: Mapping[str, Any]) -> str:
-    """Return the SHA-256, 64 hex digits, of a config's values in JSON's types; the config may be of any version."""
+    """Return the SHA-256, 64 hex digits, of a config's values in JSON's types, also if an older version wrote them."""
     text = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

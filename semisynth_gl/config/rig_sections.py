@@ -1,4 +1,4 @@
-"""The sections about the rig: its cameras, the disparities that they see, and what they do to images."""
+"""The sections about the rig: cameras, disparities, lenses, projector, deviation and imperfections."""
 
 from collections.abc import Iterator
 from math import degrees, radians
@@ -30,22 +30,22 @@ from semisynth_gl.frame.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD, Eye
 from semisynth_gl.frame.channels import Colour
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera, rotation_of
 
-# Any current OpenGL 4.5 driver draws images of this width, and the memory of a large machine holds this many pixels.
+# Maximum width, which all OpenGL 4.5 drivers support, and number of pixels, which fit into a large machine's memory.
 WIDEST_PX, MOST_PIXELS = 16_384, 1 << 27
-# Largest ratio of the two focal lengths, either way.
+# Maximum of fy / fx and of fx / fy.
 MOST_FY_OVER_FX = 2.0
-# Largest side of a projector's pattern, and widest view in degrees.
+# Maximum side of a projector's pattern, and maximum angle of its view.
 _LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
 _SUB_FRAMES = 7
-# Largest shares of a target that may lie below min_px, where walls, far planes and the sky may be, and above max_px:
-# measured histograms have a few stray pixels anywhere.
+# Maximum shares of a target below min_px, where far planes and the sky may be, and above max_px. They allow for the
+# outliers of measured histograms.
 _MOST_BELOW, _MOST_ABOVE = 0.25, 0.02
-# Number of scenes from whose baselines the ratios of baselines are taken.
+# Number of scenes that are sampled to find the ratios of their baselines.
 _SCENES = 200
 
 _Side = Annotated[int, Field(ge=1, le=WIDEST_PX)]
-# A ratio of 1 is left out, so that configs with square pixels keep the digest that they had before there was this key.
+# A ratio of 1 is left out of the values, so that configs of square pixels keep the digest from before this key existed.
 _FocalRatio = Annotated[float, Field(ge=1 / MOST_FY_OVER_FX, le=MOST_FY_OVER_FX, exclude_if=lambda ratio: ratio == 1)]
 
 _Baselines = (
@@ -68,7 +68,7 @@ class CameraSection(Section):
     focal_mm: PositiveRange | None = None
     """focal length, with ``sensor_width_mm``, instead of ``focal_px``"""
     sensor_width_mm: Positive | None = None
-    """width of the sensor's part that the image covers"""
+    """width of the part of the sensor that the image covers"""
     fy_over_fx: _FocalRatio = 1.0
     """focal length in y over that in x, ``focal_px``; 1.00123 for Cityscapes"""
     baseline_m: PositiveRange | None = None
@@ -76,7 +76,7 @@ class CameraSection(Section):
     baselines: _Baselines = 1
     """number of right cameras per scene, or a list of their distances, metres"""
     cx_left_px: RangeField | None = None
-    """x of the left principal point; by default the two lie symmetrically"""
+    """x of the left principal point; by default, both points are symmetric about the centre"""
     cx_right_px: RangeField | None = None
     """x of the right principal point, instead of ``doffs_px``"""
     cy_px: RangeField | None = None
@@ -100,10 +100,10 @@ class CameraSection(Section):
         text = "give either focal_px, or focal_mm with sensor_width_mm"
         yield are_missing not in ([False, True, True], [True, False, False]), text, focal
         fits = self.cx_right_px is None or (self.doffs_px is None and self.cx_left_px is not None)
-        text = "cx_right_px goes with cx_left_px, and without doffs_px"
+        text = "cx_right_px needs cx_left_px, and excludes doffs_px"
         yield not fits, text, ("cx_left_px", "cx_right_px", "doffs_px")
         baseline_m, baselines = self.baseline_m, self.baselines
-        text = "give either baseline_m, or baselines as a list of metres: null takes the first back"
+        text = "give either baseline_m, or baselines as a list of metres: baseline_m: null removes the first"
         yield isinstance(baselines, tuple) == (baseline_m is not None), text, ("baseline_m", "baselines")
         if baseline_m is not None and baseline_m.low == baseline_m.high:
             text = f"expected a range for {baselines} baselines, got only {baseline_m.low:g} m"
@@ -118,9 +118,9 @@ class CameraSection(Section):
         return (self.baseline_m,) * self.baselines
 
     def baseline_ratios(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the ratios of baselines to their scene's longest baseline, (K,), and how often each comes, (K,).
+        """Return the ratios of baselines to the longest baseline of their scene, (K,), and how often each occurs, (K,).
 
-        Ranges of baselines are sampled, always with the same random numbers.
+        If baselines are ranges, they are sampled, always with the same random numbers.
         """
         low, high = np.transpose([(each.low, each.high) for each in self.baseline_ranges_m])
         sampled = low + (high - low) * np.random.default_rng(0).random((_SCENES, len(low)))
@@ -141,7 +141,7 @@ class DisparitySection(Section):
     signed: bool = False
     """allow disparities of 0 and below"""
     min_px: Finite
-    """smallest disparity of walls and particles; far planes may be below"""
+    """smallest disparity of walls and particles; far planes may be below it"""
     max_px: Finite
     """largest disparity of any pixel; it sets the near plane"""
     target: TargetSection = UniformTarget()
@@ -160,7 +160,7 @@ class DisparitySection(Section):
 
 
 class RawEyeSection(Section):
-    """One camera before rectification, in the terms of OpenCV's stereoCalibrate and stereoRectify."""
+    """A camera before rectification, as OpenCV's stereoCalibrate and stereoRectify describe it."""
 
     fx_px: PositiveRange
     """focal length along x"""
@@ -171,7 +171,7 @@ class RawEyeSection(Section):
     cy_px: RangeField | None = None
     """y of the principal point; by default (height - 1) / 2"""
     distortion: Annotated[tuple[RangeField, ...], FROM_LIST, Field(max_length=12)]
-    """coefficients in OpenCV's order: k1, k2, p1, p2 ...; of a fisheye k1 to k4"""
+    """coefficients in OpenCV's order: k1, k2, p1, p2, ...; for a fisheye, k1 to k4"""
     rotation_deg: Vector = (ZERO, ZERO, ZERO)
     """rotation vector of R1 or R2, degrees"""
 
@@ -190,9 +190,9 @@ class LensSection(Section):
     right: RawEyeSection
     """the right camera"""
     border: LensBorder = "black"
-    """where the sensor saw nothing: ``black``, or ``replicate`` for the nearest pixels' colours"""
+    """colour where the sensor saw nothing: ``black``, or ``replicate`` for the nearest pixel's colour"""
     border_disparity: bool = True
-    """keep disparities in the borders; else they are inf there"""
+    """keep disparities in the borders; if false, they are inf there"""
 
     def _rules(self) -> Iterator[Rule]:
         known = COEFFICIENTS[self.model]
@@ -201,7 +201,7 @@ class LensSection(Section):
             yield len(eye.distortion) not in known, text, (f"{name}.distortion", "model")
 
     def sample(self, eye: Eye, rng: np.random.Generator) -> RawCamera:
-        """Sample one eye's camera: every range once, always in the same order."""
+        """Sample the camera of one eye: each range once, always in the same order."""
         values: RawEyeSection = getattr(self, eye)
         width_px, height_px, fx_px = self.raw_width_px, self.raw_height_px, values.fx_px.sample(rng)
         defaults = (values.fy_px, fx_px), (values.cx_px, (width_px - 1) / 2), (values.cy_px, (height_px - 1) / 2)
@@ -216,7 +216,7 @@ class ProjectorSection(Section):
     """A projector that moves with the rig; it changes images, not truth."""
 
     pattern: PathText = "dots"
-    """``dots``, upright ``stripes``, or the file of a picture"""
+    """``dots``, vertical ``stripes``, or the path of a picture"""
     pattern_width_px: Annotated[int, Field(ge=1, le=_LARGEST_PATTERN_PX)] = 1280
     """width of the pattern or picture"""
     pattern_height_px: Annotated[int, Field(ge=1, le=_LARGEST_PATTERN_PX)] = 800
@@ -224,42 +224,42 @@ class ProjectorSection(Section):
     size_px: Annotated[float, Field(ge=1, le=100)] = 2.5
     """dot's diameter or stripe's width, pixels of the pattern"""
     density: Annotated[float, Field(gt=0, le=0.5)] = 0.05
-    """lit share of the dots' or stripes' pattern"""
+    """share of the pattern that dots or stripes cover"""
     field_of_view_deg: Annotated[RangeField, within(SMALLEST, _WIDEST_DEG)] = Range(90.0, 90.0)
     """angle across the pattern's width"""
     position_m: Vector = (ZERO, ZERO, ZERO)
     """x, y, z in the left camera's frame"""
     turn_deg: Vector = (ZERO, ZERO, ZERO)
-    """rotation vector in that frame, degrees"""
+    """rotation vector in the left camera's frame, degrees"""
     power: NotNegativeRange
-    """light of a dot on a facing surface at 1 m; 1 is the photographs' light"""
+    """light of a dot on a surface that faces the projector at 1 m; 1 is the light in the photographs"""
     ambient: NotNegativeRange = Range(1.0, 1.0)
-    """all other light, in the same unit"""
+    """all other light, in the unit of ``power``"""
     share: Share = 1.0
     """share of the sequences with the projector on"""
 
     @property
     def painted(self) -> bool:
-        """Whether the program paints the pattern, and reads no picture."""
+        """Whether the program paints the pattern instead of reading a picture."""
         return self.pattern in _PAINTED_PATTERNS
 
 
 class RigSection(Section):
-    """Deviation of the right camera from the rectified one."""
+    """Deviation of the right camera from the rectified camera."""
 
     right_roll_deg: Annotated[RangeField, within(-_MOST_TURN_DEG, _MOST_TURN_DEG)] = ZERO
     """rotation about the viewing direction; positive turns the image clockwise"""
     right_pitch_deg: Annotated[RangeField, within(-_MOST_TURN_DEG, _MOST_TURN_DEG)] = ZERO
     """rotation about the x axis; positive moves the image up"""
     right_y_px: RangeField = ZERO
-    """right principal point's distance below the left one"""
+    """distance of the right principal point below the left principal point"""
     focal_ratio: Annotated[RangeField, within(1 / MOST_FOCAL_RATIO, MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
-    """right focal length over the left one"""
+    """right focal length over left focal length"""
     twin: bool = False
     """render each scene twice: pair 2 i deviates, pair 2 i + 1 is rectified"""
 
     def _rules(self) -> Iterator[Rule]:
-        text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set another key too"
+        text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set a further key of rig"
         yield self == RigSection.model_construct(twin=True), text, type(self).model_fields
 
     def none(self) -> bool:

@@ -1,4 +1,4 @@
-"""The sections that say what scenes show; a recipe may change their keys."""
+"""The sections about the content of scenes; a recipe may change their keys."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -27,11 +27,11 @@ from semisynth_gl.plugins import BUILT_IN
 _AtLeastOne = Annotated[float, Field(ge=1, le=1024)]
 
 _MOST_PARTICLES = 100_000
-# Of an atlas: 8.6 GB at 4 bytes per texel.
+# Maximum number of texels of an atlas: 8.6 GB at 4 bytes per texel.
 _MOST_TEXELS = 1 << 31
 
 TEXTURE_SOURCES = BUILT_IN["textures"]
-"""The program's own sources of patches; any other name is a plug-in's."""
+"""The built-in sources of patches; any other name belongs to a plug-in."""
 
 _Paths = Annotated[tuple[PathText, ...], FROM_LIST]
 
@@ -40,20 +40,20 @@ class BackgroundSection(Section):
     """The background, which closes the view."""
 
     cuboid: Weight = 1.0
-    """weight of bare rooms"""
+    """weight of empty rooms"""
     plane: Weight = 0.0
-    """weight of bare outdoor scenes"""
+    """weight of empty outdoor scenes"""
     room: Weight = 0.0
     """weight of furnished rooms"""
     street: Weight = 0.0
     """weight of streets"""
-    # Above 0 where the config's disparities are not signed, as all disparities below: `Config` checks that.
+    # `Config` checks: unless disparities are signed, this and all other disparities must be above 0.
     wall_disparity_px: RangeField | None = None
     """disparity of the far wall at the image centre; by default ``disparity.min_px``"""
     wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
-    """largest rotation of a bare room about each axis; furnished rooms turn sideways by up to twice this"""
+    """maximum rotation of an empty room about each axis; furnished rooms rotate sideways by up to twice this"""
     plane_disparity_px: RangeField = Range(0.2, 1.0)
-    """disparity of the far plane or backdrop; under a sky, where the ground ends"""
+    """disparity of the far plane or backdrop; with a sky, disparity at which the ground ends"""
     sky: Share = 0.0
     """share of outdoor scenes with an infinitely distant backdrop"""
 
@@ -63,7 +63,7 @@ class BackgroundSection(Section):
 
 
 class RoomSection(Section):
-    """Furnished rooms. One with its far wall nearer than 2.5 m or beyond 9 m is scaled with its contents."""
+    """Furnished rooms. If the far wall is nearer than 2.5 m or beyond 9 m, the room is scaled with its contents."""
 
     camera_height_m: PositiveRange = Range(0.9, 1.7)
     """height of the camera above the floor"""
@@ -90,7 +90,7 @@ class RoomSection(Section):
 
 
 class StreetSection(Section):
-    """A road, objects along it, and a backdrop. With one nearer than 25 m, all is scaled."""
+    """A road, objects along it, and a backdrop. If the backdrop is nearer than 25 m, the street is scaled down."""
 
     camera_height_m: PositiveRange = Range(1.2, 2.0)
     """height of the camera above the ground"""
@@ -115,7 +115,7 @@ class StreetSection(Section):
 
 
 class StructuresSection(Section):
-    """Large still objects between the background and the particles."""
+    """Large objects at rest between the background and the particles."""
 
     ground: Share = 0.0
     """share of scenes with a ground plane"""
@@ -124,7 +124,7 @@ class StructuresSection(Section):
     ground_disparity_px: RangeField | None = None
     """disparity of level ground at the lower border, instead of ``ground_height_m``"""
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
-    """largest roll and pitch of the ground"""
+    """maximum roll and pitch of the ground"""
     panels: Annotated[RangeField, within(0, 1000)] = ZERO
     """number of free-standing slanted rectangles"""
     panel_disparity_px: RangeField | None = None
@@ -138,14 +138,14 @@ class StructuresSection(Section):
 
 
 class DepthLayerSection(Section):
-    """One depth layer of particles."""
+    """A depth layer of particles."""
 
     disparity_px: RangeField | None = None
-    """disparities of its particles; by default the middle four fifths of ``disparity.target``"""
+    """disparities of its particles; by default, those from the 10 % to the 90 % quantile of ``disparity.target``"""
     count: Annotated[RangeField, within(0, _MOST_PARTICLES)]
     """number of its particles at any time, in view or just beside the view"""
     size_px: PositiveRange | None = None
-    """diameters of its particles on the screen; by default the sizes that the section ``particles`` gives"""
+    """diameters of its particles in the image; by default, the sizes in the section ``particles``"""
 
 
 class ParticlesSection(Section):
@@ -156,7 +156,7 @@ class ParticlesSection(Section):
     clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] = ()
     """further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges"""
     density: Literal["sparse", "default", "dense"] = "default"
-    """number in view: ``default``, ``sparse`` (a third, larger), ``dense`` (three times, smaller)"""
+    """number in view; ``sparse``: a third as many models, but larger; ``dense``: three times as many, but smaller"""
     size_px: PositiveRange = Range(40.0, 300.0)
     """diameter of a model, log-uniform"""
     size_m: PositiveRange | None = None
@@ -164,7 +164,7 @@ class ParticlesSection(Section):
     stretch: PositiveRange = Range(0.5, 1.0)
     """scale along each axis, relative to the largest"""
     thinness: Annotated[RangeField, within(SMALLEST, 1)] = Range(1.0, 1.0)
-    """further scale along one axis, log-uniform; 0.05 makes sheets"""
+    """additional scale along one axis, log-uniform; 0.05 makes sheets"""
     fall_m_s: PositiveRange = Range(0.5, 2.0)
     """speed downwards"""
     drift: NotNegativeRange = Range(0.0, 0.3)
@@ -172,9 +172,9 @@ class ParticlesSection(Section):
     spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
     """angular speed about a random axis"""
     resting: Share = 0.0
-    """share at rest, where a surface can carry them"""
+    """share of the particles that rest, if a surface can carry them"""
     most: Annotated[int, Field(ge=1, le=_MOST_PARTICLES)] = 2000
-    """largest number in a scene; if the target needs more, they become larger"""
+    """maximum number in a scene; if the target needs more, particles become larger instead"""
 
     def _rules(self) -> Iterator[Rule]:
         text = "give either density or layers, not both: each layer states its own count"
@@ -189,7 +189,7 @@ class ModelsSection(Section):
     complex: Weight = 1.0
     """weight of the complex family (chair, mug, plant, ...)"""
     user: Weight = 1.0
-    """weight of the models in ``folders``; reduced below 25 models"""
+    """weight of the models in ``folders``; if there are fewer than 25, reduced in proportion"""
     kinds: dict[str, Weight] = Field(default_factory=dict)
     """weights of kinds within their family; by default 1"""
     folders: _Paths = ()
@@ -206,7 +206,7 @@ class ModelsSection(Section):
 
 
 class TexturesSection(Section):
-    """The patches, and how models wear them."""
+    """The patches, and how they are put on models."""
 
     source: PluginName = "builtin"
     """``images`` (yours), ``builtin`` (painted and scikit-image's photographs), ``photographs``, ``procedural``, or a
@@ -216,27 +216,27 @@ class TexturesSection(Section):
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
     """side of a patch in the atlas"""
     scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1)] = (1.0, 2.0, 4.0)
-    """sides of squares in images, in multiples of ``patch_px``"""
+    """sides of the squares that are cropped out of images, as multiples of ``patch_px``"""
     min_texture: NotNegative = 1.0
-    """least median over 8 x 8 cells of the standard deviation of luminance, 8-bit levels"""
+    """minimum texture: median of the standard deviations of luminance in each of 8 x 8 cells, 8-bit levels"""
     min_sharpness: NotNegative = 0.3
-    """least contrast of the finest octave over that of the third"""
+    """minimum sharpness: contrast of the finest octave over that of the third octave"""
     min_difference: Share = 0.04
-    """least 1 minus correlation of two patches' gradients; 0 keeps all"""
+    """minimum difference of two patches: 1 - correlation of their gradients; 0 keeps all"""
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
-    """largest number of patches"""
+    """maximum number of patches"""
     large_px: Annotated[int, Field(ge=0, le=4096)] = 0
     """side of patches for walls and other large surfaces; 0 for none"""
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
     """texels of a patch per pixel of the image"""
     anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
-    """most texture samples per pixel at a grazing angle; 1 blurs"""
+    """maximum number of texture samples per pixel at a grazing angle; 1 blurs"""
     large_anisotropy: Annotated[int, Field(ge=1, le=16)] = 4
-    """``anisotropy`` of large patches"""
+    """``anisotropy`` for large patches"""
     wrap: Literal["mirror", "repeat"] = "mirror"
     """continuation beyond a patch's border: ``mirror`` or ``repeat``"""
     sequence: bool = False
-    """take a folder's images as successive frames"""
+    """treat a folder's images as successive frames"""
 
     def _rules(self) -> Iterator[Rule]:
         most = _MOST_TEXELS // self.patch_px**2

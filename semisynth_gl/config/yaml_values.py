@@ -1,4 +1,4 @@
-"""Reading YAML as plain values with the line of each key; and writing it."""
+"""Reads YAML as plain values with the line of each key; writes values as YAML."""
 
 import io
 from typing import Any
@@ -10,7 +10,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from semisynth_gl.inputs.errors import shown
 
 MOST_BYTES = 1 << 18
-"""Largest size of a file that is read as YAML; parsing that much takes a few seconds at worst."""
+"""Maximum size of a YAML file: parsing it takes a few seconds at worst."""
 
 Key = tuple[str | int, ...]
 
@@ -19,7 +19,7 @@ _KINDS = ("map", "seq", "null", "bool", "int", "float", "str", "timestamp")
 
 
 class YamlError(Exception):
-    """A text is not the YAML that configs are made of; ``line`` counts from 1 and is None where it is unknown."""
+    """A text is not YAML that configs may have. ``line`` begins at 1, and is None if it is unknown."""
 
     def __init__(self, line: int | None, reason: str) -> None:
         super().__init__(reason)
@@ -27,10 +27,10 @@ class YamlError(Exception):
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
-    """Return the value of a text, None where it is empty, and the line, from 1, of each key and each item of a list.
+    """Return the value of a text (None if it is empty), and the line, from 1, of each key and each item of a list.
 
-    Keys of mappings and dates stay texts as they are written. Raises YamlError where the text is not valid, or has an
-    anchor, an alias, a tag or a key twice.
+    Dates and keys of mappings stay texts. Raises YamlError if the text is not valid, has an anchor, an alias or a tag,
+    or has a key twice.
     """
     yaml, lines = YAML(typ="safe", pure=True), dict[Key, int]()
     try:
@@ -43,7 +43,7 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
         hint = ": put quotes around a text that begins with *" if "alias" in str(error.problem) else ""
         reason = f"not valid YAML: {error.problem or error.context}{hint}"
         raise YamlError(mark.line + 1 if mark else None, reason) from None
-    except Exception as error:  # noqa: BLE001 - a parser of any text raises anything, RecursionError too
+    except Exception as error:  # noqa: BLE001 - for some texts, the parser raises RecursionError and others
         raise YamlError(None, f"not valid YAML: {str(error)[:200]}") from None
 
 
@@ -53,12 +53,12 @@ def write_yaml(value: Any) -> str:  # noqa: ANN401 - any YAML value
     yaml.width = 1 << 20
     yaml.default_flow_style = True
     yaml.dump(value, stream)
-    # A value that is neither a mapping nor a list is followed by the mark of a document's end.
+    # YAML puts an end mark, "...", behind a value that is neither a mapping nor a list.
     return stream.getvalue().removesuffix("\n").removesuffix("...").strip()
 
 
 def _value(yaml: YAML, node: Node, key: Key, lines: dict[Key, int]) -> Any:  # noqa: ANN401 - any value
-    """Return a node's value, and add the lines of all keys in it."""
+    """Return a node's value, and add the lines of all its keys to ``lines``."""
     kind = str(node.tag).removeprefix(_TAG)
     if node.anchor or kind not in _KINDS:
         mark = f"&{node.anchor}" if node.anchor else str(node.tag).replace(_TAG, "!!")
@@ -70,7 +70,7 @@ def _value(yaml: YAML, node: Node, key: Key, lines: dict[Key, int]) -> Any:  # n
         mapping = dict[str, Any]()
         for name, child in node.value:
             if not isinstance(name, ScalarNode) or name.value in mapping:
-                raise YamlError(_line(name), "a key is not a text, or is there twice: each key may be there once")
+                raise YamlError(_line(name), "a key is not a text, or occurs twice: each key may occur once")
             lines[*key, name.value] = _line(name)
             mapping[name.value] = _value(yaml, child, (*key, name.value), lines)
         return mapping

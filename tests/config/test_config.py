@@ -158,7 +158,7 @@ PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
          "disparity.min_px: .* expected more than -3, which is infinitely far away"),
         ("kitti", ["outputs=[disparity_change]", "rig.right_roll_deg=1"], "rig: .* disparity_change needs rectified"),
         ("kitti", ["camera.baselines=[0.1, 0.2]"], "camera.baselines: give either baseline_m, or baselines as a list"),
-        ("middlebury", ["camera.cx_right_px=700"], "camera.cx_right_px: cx_right_px goes with cx_left_px"),
+        ("middlebury", ["camera.cx_right_px=700"], "camera.cx_right_px: cx_right_px needs cx_left_px"),
         ("kitti", ["particles={layers: [], density: dense}"], "particles.density: give either density or layers"),
         ("kitti", ["lens.raw_width_px=9", "lens.raw_height_px=9", "lens.right={fx_px: 9, distortion: [0, 0, 0, 0]}",
                    "lens.left={fx_px: 9, distortion: [0, 0, 0]}"],
