@@ -29,7 +29,7 @@ TEXELS = ((0.8, 1.5), (0.4, 0.75))
 
 # Maximum side of large patches, px. 24 patches of this side take 100 MB.
 _LARGEST_SIDE = 1024
-# If fy / fx differs from 1 by at most this, the difference is taken for rounding.
+# If fy / fx differs from 1 by at most this, the difference is only rounding.
 _SQUARE = 1e-6
 # Diameters of particles as fractions of the image's width, as in the packaged configs: 60 and 420 px of 1500.
 _SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28

@@ -65,7 +65,7 @@ def fit(draft: ConfigDraft, place: Values, pairs: int, listener: Listener) -> Co
             if made.config.particles.layers is not None:
                 shares[cells[str(made.name)][0]] = sampler.disparity_solver.expected().rebinned(wanted.edges_px).shares
         for number in range(pairs * len(cells)):
-            # Skip the checks: redrawn scenes would have the same statistics.
+            # Skip the checks: scenes sampled again would have the same statistics.
             pair = renderer.render(number, checked=False)
             recipe, scale = cells[pair.provenance["recipe"]]
             trial[recipe][scale].append(_blurred(pair, width_px, blur_scale))
@@ -155,7 +155,7 @@ def _apart(mixes: Floats, tried: Sequence[Floats], pictures: Floats) -> Floats:
 
 
 def _far(off: Floats) -> Floats:
-    """Add costs along the first axis. They grow linearly: with squares, one outlier would outweigh all measures."""
+    """Add costs along the first axis. Large costs grow linearly: with squares, one outlier would outweigh the rest."""
     far: Floats = (np.sqrt(1 + off**2) - 1).sum(axis=0)
     return far
 
