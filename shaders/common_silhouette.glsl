@@ -7,7 +7,7 @@
 #include "common_triangles.glsl"
 
 const uint NO_NEIGHBOUR = 0xFFFFFFFFu;
-const int MOST_STEPS = 512;  // largest number of triangles that are crossed; finer meshes may be given up too early
+const uint MOST_STEPS = 512u;  // largest number of triangles that are crossed; finer meshes may be given up too early
 const float NOT_COVERED = -1.0;
 // How far a target may be off: float32 rounds columns of some thousand by 1e-4, and disparities too.
 const float OFF_PX = 3e-4;
@@ -20,57 +20,73 @@ float least_inverse_depth_at(vec3 a, vec3 b, vec3 c, vec2 pixel) {
     return inverse_depth_at(a, b, c, pixel) - OFF_PX * (per_pixel.x + per_pixel.y);
 }
 
+// How far a surface has been followed from a pixel, the start, to a target position.
+struct Trace {
+    Instance instance;
+    uint triangle;        // the next one to cross
+    uint came_from;
+    vec2 start;
+    vec2 target;
+    float reached;        // along the way, 1 at the target
+    uint steps;
+    bool ended;
+    float inverse_depth;  // the result, once the trace has ended; see surface_at
+};
+
+Trace trace_from(uvec2 surface, vec2 start, vec2 target) {
+    return Trace(instance_at(surface.x), surface.y, NO_NEIGHBOUR, start, target, 0.0, 0u, false, NOT_COVERED);
+}
+
+// Crosses one triangle. Callers that trace several surfaces do so in one loop: llvmpipe runs eight invocations at a time,
+// and in nested loops all would wait for the slowest one at each surface.
+void cross_triangle(inout Trace trace) {
+    vec2 way = trace.target - trace.start;
+    float way_squared = dot(way, way);
+    vec3 corner[3];
+    uint neighbour[3];
+    vec2 along_beside[3];  // coordinates along the way and across it
+    bool in_front = true;
+    for (int k = 0; k < 3; ++k) {
+        uvec4 bits = corner_bits(trace.triangle, k);
+        corner[k] = in_view(trace.instance, position_of(bits));
+        neighbour[k] = bits.w;
+        in_front = in_front && corner[k].z >= near_m;
+        vec2 from_start = focal_px * corner[k].xy / corner[k].z + centre_px - trace.start;
+        along_beside[k] = vec2(dot(from_start, way) / way_squared, from_start.y * way.x - from_start.x * way.y);
+    }
+    // Two of the three edges cross the line of the way; leave by the farther one, not by the edge of entry.
+    float exit = -1e30;
+    uint next = NO_NEIGHBOUR;
+    for (int k = 0; k < 3; ++k) {
+        vec2 from = along_beside[k], to = along_beside[(k + 1) % 3];
+        uint across = neighbour[k];
+        float crossing = mix(from.x, to.x, from.y / (from.y - to.y));
+        bool crossed = (from.y > 0.0) != (to.y > 0.0) && (across != trace.came_from || across == NO_NEIGHBOUR);
+        if (crossed && crossing > exit) {
+            exit = crossing;
+            next = across;
+        }
+    }
+    // A triangle that crosses the near plane has no outline in the image. It is taken for a wall, which continues.
+    bool arrived = !in_front || way_squared == 0.0 || exit >= 1.0;
+    // Behind the silhouette the next triangle lies back under this one.
+    bool left = next == NO_NEIGHBOUR || (trace.steps > 0u && exit < trace.reached) || trace.steps + 1u == MOST_STEPS;
+    trace.ended = arrived || left;
+    if (arrived) {
+        trace.inverse_depth = least_inverse_depth_at(corner[0], corner[1], corner[2], trace.target);
+    }
+    trace.reached = exit;
+    trace.came_from = trace.triangle;
+    trace.triangle = next;
+    ++trace.steps;
+}
+
 // 1 / Z of the surface at the target position, reduced by what rounding of the position may add, or NOT_COVERED where the
 // surface ends before the target.
 float surface_at(uvec2 surface, vec2 start, vec2 target) {
-    Instance instance = instance_at(surface.x);
-    uint triangle = surface.y;
-    uint came_from = NO_NEIGHBOUR;
-    vec2 way = target - start;
-    float way_squared = dot(way, way);
-    float reached = 0.0;  // along the way, 1 at the target
-    for (int step = 0; step < MOST_STEPS; ++step) {
-        vec3 corner[3];
-        uint neighbour[3];
-        vec2 along_beside[3];  // coordinates along the way and across it
-        bool in_front = true;
-        for (int k = 0; k < 3; ++k) {
-            uvec4 bits = corner_bits(triangle, k);
-            corner[k] = in_view(instance, position_of(bits));
-            neighbour[k] = bits.w;
-            in_front = in_front && corner[k].z >= near_m;
-            vec2 from_start = focal_px * corner[k].xy / corner[k].z + centre_px - start;
-            along_beside[k] = vec2(dot(from_start, way) / way_squared, from_start.y * way.x - from_start.x * way.y);
-        }
-        // A triangle that crosses the near plane has no outline in the image. It is taken for a wall, which continues.
-        if (!in_front || way_squared == 0.0) {
-            return least_inverse_depth_at(corner[0], corner[1], corner[2], target);
-        }
-        // Two of the three edges cross the line of the way; leave by the farther one, not by the edge of entry.
-        float exit = -1e30;
-        uint next = NO_NEIGHBOUR;
-        for (int k = 0; k < 3; ++k) {
-            vec2 from = along_beside[k], to = along_beside[(k + 1) % 3];
-            uint across = neighbour[k];
-            if ((from.y > 0.0) == (to.y > 0.0) || (across == came_from && across != NO_NEIGHBOUR)) {
-                continue;
-            }
-            float crossing = mix(from.x, to.x, from.y / (from.y - to.y));
-            if (crossing > exit) {
-                exit = crossing;
-                next = across;
-            }
-        }
-        if (exit >= 1.0) {
-            return least_inverse_depth_at(corner[0], corner[1], corner[2], target);
-        }
-        // Behind the silhouette the next triangle lies back under this one.
-        if (next == NO_NEIGHBOUR || (step > 0 && exit < reached)) {
-            return NOT_COVERED;
-        }
-        reached = exit;
-        came_from = triangle;
-        triangle = next;
+    Trace trace = trace_from(surface, start, target);
+    while (!trace.ended) {
+        cross_triangle(trace);
     }
-    return NOT_COVERED;
+    return trace.inverse_depth;
 }

@@ -235,6 +235,11 @@ void main() {
 layout(binding = 2) uniform usampler2D own_surface;
 layout(binding = 3) uniform usampler2D other_surface;
 
+// The pixels around a point: beside it, then above, then below.
+ivec2 start_of(int k, int left, int row, ivec2 last) {
+    return clamp(ivec2(left + (k & 1), row + (k < 2 ? 0 : k < 4 ? -1 : 1)), ivec2(0), last);
+}
+
 void main() {
     ivec2 last = textureSize(own_disparity, 0) - 1;
     for (uint item = gl_GlobalInvocationID.x; item < pixels; item += invocations()) {
@@ -249,16 +254,28 @@ void main() {
         // Surfaces that are farther by more than a surface rises within a pixel hide nothing, nor do surfaces in the rows
         // above and below that are not nearer.
         float farthest = goes_on(disparity_px, target.x - left, beside) ? LARGEST : max(disparity_px - STEEPEST, far_px());
-        bool hidden = false;
-        uvec2 followed = own;  // a surface does not hide itself, and is followed once
+        // The surfaces to trace: a bit for each pixel around the point. A surface does not hide itself, and is traced once.
+        uint open = 0u;
+        uvec2 traced = own;
         for (int k = 0; k < 6; ++k) {
-            ivec2 start = clamp(ivec2(int(left) + (k & 1), pixel.y + (k < 2 ? 0 : k < 4 ? -1 : 1)), ivec2(0), last);
-            uvec2 surface = texelFetch(other_surface, start, 0).rg;
-            bool is_other = surface != own && surface != followed;
-            if (!hidden && is_other && around[k] > (k < 2 ? farthest : disparity_px + EDGE_PX)) {
-                hidden = is_before(surface_at(surface, vec2(start), target), disparity_px);
-                followed = surface;
+            uvec2 surface = texelFetch(other_surface, start_of(k, int(left), pixel.y, last), 0).rg;
+            if (surface != own && surface != traced && around[k] > (k < 2 ? farthest : disparity_px + EDGE_PX)) {
+                open |= 1u << k;
+                traced = surface;
             }
+        }
+        bool hidden = false;
+        Trace trace;
+        trace.ended = true;
+        while (!hidden && (open != 0u || !trace.ended)) {
+            if (trace.ended) {
+                int k = findLSB(open);
+                open &= open - 1u;
+                ivec2 start = start_of(k, int(left), pixel.y, last);
+                trace = trace_from(texelFetch(other_surface, start, 0).rg, vec2(start), target);
+            }
+            cross_triangle(trace);
+            hidden = trace.ended && is_before(trace.inverse_depth, disparity_px);
         }
         if (hidden) {
             imageStore(visibility, pixel, uvec4(OCCLUDED));
