@@ -5,10 +5,10 @@ from functools import cache
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.arrangement import Catalogue
+from semisynth_gl.scene.floor_scene import Catalogue
 from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.scene.structures import StaticScene, sample_static_scene, take_stock
+from semisynth_gl.scene.structures import StaticScene, make_catalogue, sample_static_scene
 from semisynth_gl.seeds.seeds import generator
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
@@ -28,7 +28,7 @@ def sampler_of(config: Config, seed: int = 0, worn: tuple[Patch, ...] = patches(
 def catalogue() -> Catalogue:
     """Build one model of each kind."""
     config = load_config("middlebury", ["models.variants=1"])
-    return take_stock(build_library(config.models, config.particles, Split(0)))
+    return make_catalogue(build_library(config.models, config.particles, Split(0)))
 
 
 def still_rig(camera: StereoCamera, max_px: float) -> SequenceRig:

@@ -1,4 +1,4 @@
-"""The background that closes the view: the inside of a cuboid, or one far plane. Both consist of flat faces."""
+"""Samples backgrounds that fill the view: the inside of a cuboid, or one far plane. Both consist of flat faces."""
 
 from typing import Literal, get_args
 
@@ -11,16 +11,16 @@ from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.glance import grid_px
 from semisynth_gl.scene.instances import Instances, new_instances
+from semisynth_gl.scene.left_view import grid_px
 from semisynth_gl.scene.rig import SequenceRig, check_reachable
 from semisynth_gl.scene.view_volume import WIDEST_RAD, corner_rays, fit_box, smallest_offsets
 
-# The ground's nearest row, as a share of its length.
+# Position of the ground's first row of vertices, as a share of the ground's length.
 _GROUND_FROM = 1 / 400
-# Range of the positions of side walls: fractions of the way from the nearest allowed one to the edge of the view.
+# Range of the positions of side walls: 0 is the nearest allowed position, 1 the edge of the view.
 _SIDE_WALL = Range(0.3, 1.1)
-# Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
+# Walls overlap at their edges by this share of their size: without overlap, float32 would leave gaps.
 OVERLAP = 1e-4
 
 Kind = Literal["cuboid", "plane", "room", "street"]
@@ -33,15 +33,15 @@ def _face() -> Mesh:
 
 
 def _ground() -> Mesh:
-    """A wedge with its tip at the origin, 1 long, 2 wide at its end; rows close up towards the tip."""
+    """A wedge with its tip at the origin, 1 long, 2 wide at its end; rows of vertices are denser towards the tip."""
     u, v, triangles = mesh_grid(24, 8)
     along = _GROUND_FROM ** (1 - v)
     across = (2 * u - 1) * along
     return make_mesh("ground", np.c_[across, np.zeros(len(u)), along], np.c_[across, along], triangles)
 
 
-# Both are grids: float32 rounds a vertex in steps that grow with its distance, so the near part of a surface must not
-# depend on far vertices.
+# Both are grids of many vertices: float32 rounds a vertex in steps that grow with its distance, so the near part of a
+# surface must not depend on far vertices.
 FACE, GROUND = _face(), _ground()
 
 
@@ -53,10 +53,11 @@ def sample_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
 
 
 def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, sky: bool = False) -> Instances:
-    """Sample a far plane, a table of one row, that fills both views at any moment of the sway.
+    """Sample a far plane that fills both views at any moment of the sway; return a table of one row.
 
-    As ``sky`` the plane is infinitely far away; its depth is where its texture lies and where a ground before it ends.
-    Raises InputError where the sampled disparity lies beyond infinity, or the plane would have to be endless.
+    As ``sky`` the plane is infinitely far away; ``depth_m`` then sets only the scale of the texture, and the depth at
+    which the ground ends. Raises InputError if disparity + doffs is not positive, or if the sway would need an infinite
+    plane.
     """
     camera, sway = rig.camera, rig.sway
     disparity_px = config.background.plane_disparity_px.sample(rng)
@@ -65,7 +66,7 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
     rays = corner_rays(camera)
     if sway.moves:
         aside = abs(camera.offset_m("right")) + sway.reach_m
-        # Largest angle between a ray and the plane's normal.
+        # Maximum angle between a ray and the plane's normal.
         widest = float(np.arctan2(np.linalg.norm(rays[:, :2], axis=1), rays[:, 2]).max()) + sway.angle_rad
         if widest >= WIDEST_RAD:
             raise InputError(
@@ -74,10 +75,12 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
                 "background.plane and background.street to 0"
             )
         if not sky and not config.disparity.signed:
-            # The plane's disparity never falls below half of what was sampled. A camera that turns away sees it deeper.
+            # The plane's disparity must never fall below half of what was sampled, so its depth must not exceed `most`.
+            # Both views see the plane up to half = (depth + aside) tan(widest) + aside from the axis. If the camera
+            # turns, the depth of such a point in the view grows to at most depth + half sin(angle_rad) + reach_m.
             most, deepens = float(camera.depth_m(disparity_px / 2)), np.tan(widest) * np.sin(sway.angle_rad)
             depth = min(depth, (most - sway.reach_m - aside * (deepens + np.sin(sway.angle_rad))) / (1 + deepens))
-        # With a large doffs the plane may be so near that the camera sways into it.
+        # With a large doffs the plane may be so near that the camera would sway into it.
         depth = max(depth, float(smallest_offsets(rig, np.array([[0.0, 0.0, 1.0]]))[0]))
     corners = _corner_points(camera, depth)
     if sky:
@@ -95,11 +98,12 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
 
 
 def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) -> tuple[Instances, Floats]:
-    """Sample the inside of a cuboid, in which both cameras stand.
+    """Sample the inside of a cuboid in which both cameras stand.
 
-    Returns a table of six rows, walls in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras) of the
-    cuboid's axes, and the depths (R,) that the left view shows at the points of `grid_px`. The depth of a wall is the
-    median that the left view shows, or for a hidden wall the sampled one. Raises InputError as `sample_wall_px` does.
+    Returns a table of six rows, and the depths (R,) that the left view shows at the points of `grid_px`. The rows are
+    the walls in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras) of the cuboid's axes. A wall's
+    ``depth_m`` is its median depth in the left view; a hidden wall has the sampled depth. Raises InputError as
+    `sample_wall_px` does.
     """
     camera, turn = rig.camera, np.deg2rad(config.background.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)
@@ -116,7 +120,7 @@ def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
         reach = (_corner_points(camera, wall_m) @ normal.T).max(axis=0)
         offset[:4] = smallest_m[:4] + fraction * np.maximum(reach[:4] - smallest_m[:4], 0)
         offset[4] = wall_m * max(float(normal[4] @ centre_ray), 0.1)
-        # Keep the back wall's farthest corner within min_px where the turn allows it, even if side walls hide it.
+        # Where the turn allows it, the back wall's farthest corner has at least min_px, even if side walls hide it.
         steepest = float((corner_rays(camera) @ normal[4]).min())
         if steepest > 0:
             offset[4] = min(offset[4], farthest_m * steepest)
@@ -126,6 +130,7 @@ def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     axes = axes_of(share)
     world_from_face, size = np.tile(np.eye(4), (6, 1, 1)), np.empty((6, 2))
     for face in range(6):
+        # Walls 2 k and 2 k + 1 lie at +offset and -offset on axis k, and extend along the other two axes, i and j.
         k, sign = face // 2, 1 - 2 * (face % 2)
         i, j = (k + 1) % 3, (k + 2) % 3
         extent = np.array([offset[2 * axis] + offset[2 * axis + 1] for axis in (i, j)])
@@ -144,7 +149,7 @@ def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
 
 
 def sample_wall_px(config: Config, camera: StereoCamera, rng: np.random.Generator) -> float:
-    """Sample the disparity of the far wall at the image's centre; raise InputError where it lies beyond infinity."""
+    """Sample the far wall's disparity at the image's centre; raise InputError if disparity + doffs is not positive."""
     least_px = config.disparity.min_px
     wall_px = (config.background.wall_disparity_px or Range(least_px, least_px)).sample(rng)
     check_reachable(camera, wall_px, "background.wall_disparity_px")
@@ -158,13 +163,13 @@ def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
 
 
 def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floats, offset_m: float) -> Floats:
-    """Return the pose (4, 4) of the model `GROUND`, in the left camera's frame, that covers a range of depths.
+    """Return the pose (4, 4), in the left camera's frame, with which the model `GROUND` covers a range of depths.
 
-    The unit vectors ``across`` and ``along``, (3,) each, lie in the ground and lead right and ahead; ``offset_m`` is
+    The unit vectors ``across`` and ``along``, (3,) each, lie in the ground and point right and ahead. ``offset_m`` is
     the ground's distance from the left camera.
     """
     down = cross(along, across)
-    # The wedge's tip lies far enough behind the cameras for both views to fit between the sides.
+    # The wedge's tip is so far behind the cameras that both views fit between the wedge's sides.
     widest = float(np.abs(corner_rays(camera)[:, 0]).max()) * 1.1
     behind = abs(camera.offset_m("right")) / widest + 0.5 * depth_m.low
     length = behind + 1.05 * depth_m.high

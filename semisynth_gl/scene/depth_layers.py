@@ -1,4 +1,4 @@
-"""The coverage that each depth layer needs for a wanted distribution of disparity.
+"""Solves for the coverage of each depth layer, given a wanted distribution of disparity.
 
 The Boolean model. Particles are thrown independently, so the number of a layer's particles that cover a given pixel has
 a Poisson distribution. Its mean, the coverage lambda_k of layer k, is the sum of the particles' areas over the area of
@@ -12,10 +12,10 @@ The fit. The logarithm of (1) is linear in the lambdas. With the wanted F at the
 
     sum over k of lambda_k S_k(d_j) = log(F_bare(d_j) / F(d_j)).                                                 (2)
 
-Particles have depth and drift, so S_k is not a step at the layer's edge, and (2) couples all layers. Its K unknowns
-have limits, 0 <= least <= lambda <= 4, so (2) is solved by weighted least squares. An error e of log F is an error F e
-of F itself, hence each equation has the weight F(d_j)^2: first with the wanted F, then with the F of the first solution
-where that is larger.
+Particles have depth and drift, so S_k is not a step at the layer's edge, and (2) couples all layers. The K unknowns of
+(2) have limits, 0 <= least <= lambda <= 4, so (2) is solved by weighted least squares. An error e of log F is an error
+F e of F, hence each equation has the weight F(d_j)^2. The first solution uses the wanted F. The second solution uses
+the larger of the wanted F and the F of the first solution.
 
 One particle. The middle of its path lies at the depth Z, m, with the disparity d = f B / Z - doffs. A point at the
 depth z Z has the disparity
@@ -23,12 +23,12 @@ depth z Z has the disparity
     d' = (d + doffs) / z - doffs.                                                                                (3)
 
 Lengths over Z are px over f. Let the path recede by a px in depth while its age t runs from 0 to 1, and let the
-particle have a radius of r px. A surface point h radii in front of the particle's centre has
+particle have a radius of r px. A surface point that lies h radii in front of the particle's centre has
 
     z = 1 + (t - 1/2) a / f - h r / f.                                                                           (4)
 
-S_k(d) is the mean of [d' >= d] over particles, which count by their area r^2. The mean is taken over 128 points that
-are spread evenly over (d, r, h, speed of the drift, heading, t).
+S_k(d) is the mean of [d' >= d] over particles, weighted by their area r^2. It is computed from 128 points that are
+spread evenly over (d, r, h, speed of the drift, heading, t).
 """
 
 from dataclasses import dataclass
@@ -40,12 +40,12 @@ from semisynth_gl.config import Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats
-from semisynth_gl.scene.particles import Sizes, path_px
+from semisynth_gl.scene.particles import ParticleSizes, path_px
 
 _MOST_LAYERS = 48
-# Largest mean coverage of a layer, which closes 98 % of its pixels.
+# Maximum mean coverage of a layer; at this coverage, particles cover 98 % of the pixels.
 _DENSEST = 4.0
-# Smallest wanted share of open pixels; smaller shares are raised to it.
+# A wanted share of pixels below an edge is raised to at least this value.
 _LEAST_OPEN = 0.01
 # Iterations of the solver.
 _ROUNDS = 200
@@ -78,12 +78,12 @@ class DepthLayers:
         edges_px: Floats,
         camera: StereoCamera,
         drift: Range,
-        sizes: Sizes,
+        sizes: ParticleSizes,
         heights: Floats,
         near_m: float,
         relief_px: float = np.inf,
     ) -> Floats:
-        """Return S_k(d) of the module's text, (K, J): how probably a particle shows at least d where it covers a pixel.
+        """Return S_k(d) of the module's text, (K, J): the probability that a pixel of a particle shows at least d.
 
         Particles that come too near to the near plane are not rendered, and show nothing: their S_k is 0.
 
@@ -102,45 +102,44 @@ class DepthLayers:
         relief = np.minimum(radius, relief_px)
         height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
         speed = drift.low + (drift.high - drift.low) * where[:, 3]
-        # Half a turn of headings covers both directions of each axis. A particle is in the middle of its path at half
-        # its age: this is t - 1/2.
+        # Half a turn of headings covers both directions of each axis. ``age`` is t - 1/2: 0 in the middle of the path.
         path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
-        # Depths are in units of Z from here on. A drift in depth is cut so that the model, which reaches relief / f
-        # before its centre, stays beyond the near plane; `particle_poses` cuts it likewise.
+        # Depths are in units of Z from here on. A model reaches relief / f in front of its centre. Its drift in depth
+        # is limited so that it stays beyond the near plane, as in `particle_poses`.
         room = 1 - relief / camera.focal_px - near_m / camera.depth_m(disparity)
         nearest = 2 * np.clip(room, 0.0, relief_px / camera.focal_px)
         depth = 1 + age * np.clip(path * np.cos(np.pi * where[:, 4]) / camera.focal_px, -nearest, nearest)
-        # Particles that drift sideways are missing at the side that they come from. On the right (or, with a negative
-        # disparity, on the left) the margin for the other view supplies them.
+        # Where particles drift sideways, a strip on the side that they come from lacks particles. On the right (with a
+        # negative disparity, on the left) particles from the margin for the other view fill this strip.
         sideways = age * path * np.sin(2 * np.pi * where[:, 4])
         missing = np.maximum(sideways - np.maximum(-disparity, 0), 0)
         missing += np.maximum(-sideways - np.maximum(disparity, 0), 0)
-        # (3) and (4).
+        # By (3) and (4).
         shown = (disparity + camera.doffs_px) / (depth - height * relief / camera.focal_px) - camera.doffs_px
-        # A larger particle covers more pixels. Particles that come nearer grow, but their distances grow as much.
+        # A larger particle covers more pixels. As particles come nearer they grow, but so do the gaps between them.
         weight = np.where(room > 0, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
         at_least = shown[:, :, None] >= edges_px
         return np.asarray(np.einsum("ks,ksj->kj", weight * np.maximum(1 - missing / camera.width_px, 0.0), at_least))
 
 
 def merge_bins(target: Histogram) -> Histogram:
-    """Merge neighbouring bins until there are at most 48: narrower bins would be finer than particles are deep."""
+    """Merge neighbouring bins until there are at most 48; narrower bins would be narrower than a particle is deep."""
     step = -(-len(target.shares) // _MOST_LAYERS)
     edges = np.append(target.edges_px[:-1:step], target.edges_px[-1])
     return target.rebinned(edges) if step > 1 else target
 
 
 def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Floats, has_room: Bools) -> Floats:
-    """Find the layers' coverages lambda, within their limits, that solve (2) of the module's text best.
+    """Solve (2) of the module's text for the layers' coverages lambda by weighted least squares, within their limits.
 
-    The accelerated projected gradient (Beck and Teboulle 2009) minimises  (S^T lambda - b)^T W (S^T lambda - b),  with
-    b_j for the right side of (2) and W for the diagonal matrix of the weights. The step for lambda_k is 1 / (sum of row
+    The accelerated projected gradient (Beck and Teboulle 2009) minimises  (S^T lambda - b)^T W (S^T lambda - b),  where
+    b_j is the right side of (2) and W is the diagonal matrix of the weights. The step for lambda_k is 1 / (sum of row
     k of abs(S W S^T)): the diagonal matrix of these sums minus S W S^T is diagonally dominant, hence positive
     semidefinite, so no step is too long. scipy's `lsq_linear`, for one view at a time, would take 20 times as long.
 
     Args:
         shares: (K,) wanted share of a view in each bin; their running sum is F.
-        bare: (..., K - 1) F_bare at the inner edges: share of the view that shows less before the layers are filled.
+        bare: (..., K - 1) F_bare: share of the view below each inner edge before the layers are filled.
         exceedances: (..., K, K - 1) S: `DepthLayers.exceedance` at the inner edges.
         least: (..., K) smallest coverages.
         has_room: (K,) whether the layer can hold particles.

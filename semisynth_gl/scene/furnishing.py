@@ -1,4 +1,4 @@
-"""The furniture of a room: things that stand, lie and hang in it."""
+"""Furnishes a room with things that stand, lie or hang."""
 
 from typing import Final
 
@@ -6,9 +6,10 @@ import numpy as np
 
 from semisynth_gl.config.scene_sections import RoomSection
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.arrangement import Arrangement, Corner, Diameters, Wall
+from semisynth_gl.scene.floor_scene import Corner, Diameters, FloorSceneBuilder, Wall
 
-# Diameters of the bounding spheres of what stands on the floor, of what stands on anything, and of what hangs on walls.
+# Diameters of the bounding spheres: of things that stand on the floor, of small things that stand on the floor or on
+# furniture, and of things that hang on walls.
 _STANDING: Final[Diameters] = {
     "table": (1.1, 1.9), "chair": (0.95, 1.2), "bookcase": (1.2, 2.2), "shelf": (1.0, 1.8),
     "lamp": (0.9, 1.7), "clothes_rack": (1.2, 1.8), "potted_plant": (0.7, 1.6), "cactus": (0.5, 1.3),
@@ -19,7 +20,7 @@ _STANDING: Final[Diameters] = {
     "capsule": (0.5, 0.9),
 }  # fmt: skip
 _FURNITURE: Final = {name: _STANDING[name] for name in ("table", "bookcase", "shelf", "cuboid", "cube")}
-"""Things with a flat top, on which small things stand; half of the furniture is chosen from these only."""
+"""Things with a flat top, on which small things can stand; half of the furniture is chosen from these kinds only."""
 _AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
 _SMALL: Final[Diameters] = {
     "bottle": (0.2, 0.35), "vase": (0.15, 0.4), "mug": (0.09, 0.14), "goblet": (0.14, 0.22),
@@ -39,11 +40,8 @@ _HANGING: Final[Diameters] = {
 _TRIES = 8
 
 
-def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) -> None:
-    """Put things into a room, in the numbers that the config gives.
-
-    The walls are the wall ahead, the right wall and the left wall.
-    """
+def furnish(room: FloorSceneBuilder, section: RoomSection, walls: tuple[Wall, ...]) -> None:
+    """Put as many things into a room as the config says; ``walls`` are the wall ahead, the right and the left wall."""
     rng, tops = room.rng, list[int]()
     if rng.random() < section.rug:
         _add_rug(room, walls[0])
@@ -66,8 +64,8 @@ def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) ->
         _hang(room, walls)
 
 
-def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m: float) -> None:
-    """Stand small things in a niche of a wall, between opposite corners (u, v) and ``deep_m`` deep."""
+def fill_niche(room: FloorSceneBuilder, wall: Wall, low: Corner, high: Corner, deep_m: float) -> None:
+    """Stand small things in a niche of a wall; the niche has opposite corners (u, v) and is ``deep_m`` deep."""
     for share in (np.arange(4) + room.rng.uniform(0.2, 0.8, 4)) / 4:
         picked = room.pick(_SMALL)
         if picked is not None and room.rng.random() < 0.8:
@@ -75,8 +73,8 @@ def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m:
             room.stand(picked, at, room.rng.uniform(0, 2 * np.pi))
 
 
-def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None:
-    """Sample a position (x, y, z) on top of the thing with a number; return None where the top is not level there."""
+def _on_top(room: FloorSceneBuilder, number: int) -> tuple[float, float, float] | None:
+    """Sample a position (x, y, z) on top of a thing, given its number; return None if the top is not level there."""
     model, pose = room.things[number]["model"], room.things[number]["pose"]
     low, high = room.catalogue.low[model], room.catalogue.high[model]
     spot = low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
@@ -85,8 +83,8 @@ def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None
     return None if z is None else (x, y, z)
 
 
-def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]:
-    """Sample a position (x, y) on the floor, inside the walls, within the view's angle or just beside it."""
+def _on_floor(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> tuple[float, float]:
+    """Sample a position (x, y) on the floor, inside the walls, in the view or just beside it."""
     camera, pose = room.rig.camera, room.camera_from_floor
     ahead, right, left = walls[0].corner[1], walls[1].corner[0], walls[2].corner[0]
     x, y = 0.0, 0.0
@@ -107,8 +105,8 @@ def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]
     return x, y
 
 
-def _add_standing(room: Arrangement, walls: tuple[Wall, ...]) -> int | None:
-    """Stand a piece of furniture where the floor is free; return its number where it has a flat top."""
+def _add_standing(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> int | None:
+    """Stand a piece of furniture where the floor is free; return its number if it has a flat top, else None."""
     rng = room.rng
     picked = room.pick(_FURNITURE if rng.random() < 0.5 else _STANDING)
     if picked is None:
@@ -133,13 +131,13 @@ def _add_standing(room: Arrangement, walls: tuple[Wall, ...]) -> int | None:
     return None
 
 
-def _add_rug(room: Arrangement, ahead: Wall) -> None:
+def _add_rug(room: FloorSceneBuilder, ahead: Wall) -> None:
     distance = room.rng.uniform(0.3, 0.8) * float(ahead.corner[1])
     size, yaw = room.rng.uniform(0.8, 2.4, 2) * room.metre, room.rng.uniform(0, np.pi)
     room.add_box((room.rng.uniform(-0.3, 0.3) * distance, distance, 0), (*size / 2, 0.012 * room.metre), yaw)
 
 
-def _add_pillar(room: Arrangement, walls: tuple[Wall, ...]) -> None:
+def _add_pillar(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> None:
     for _ in range(_TRIES):
         x, y = _on_floor(room, walls)
         half = room.rng.uniform(0.12, 0.25) * room.metre
@@ -149,8 +147,8 @@ def _add_pillar(room: Arrangement, walls: tuple[Wall, ...]) -> None:
             return
 
 
-def _hang(room: Arrangement, walls: tuple[Wall, ...]) -> None:
-    """Hang a picture or another thing on a wall, clear of doorways, niches and whatever hangs there already."""
+def _hang(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> None:
+    """Hang a picture or a model on a wall, clear of doorways, niches and what hangs there already."""
     rng = room.rng
     picked = room.pick(_HANGING) if rng.random() < 0.3 else None
     for _ in range(_TRIES):
@@ -173,11 +171,8 @@ def _hang(room: Arrangement, walls: tuple[Wall, ...]) -> None:
             return
 
 
-def _hang_picture(room: Arrangement, wall: Wall, corner: Floats, wide: float, high: float, thick: float) -> bool:
-    """Hang a picture with its top left corner (3,) on a wall.
-
-    Return False, without adding it, where it would come too near.
-    """
+def _hang_picture(room: FloorSceneBuilder, wall: Wall, corner: Floats, wide: float, high: float, thick: float) -> bool:
+    """Hang a picture, given its top left corner (3,), on a wall; return False if it would be too near to the camera."""
     corner = corner - thick * wall.out
     across, down = wall.right / wall.length_m * wide, wall.down / np.linalg.norm(wall.down) * high
     if (room.depths_m(np.array([corner, corner + across, corner + down])) <= room.rig.near_m).any():
@@ -189,8 +184,8 @@ def _hang_picture(room: Arrangement, wall: Wall, corner: Floats, wide: float, hi
     return True
 
 
-def _hang_curtain(room: Arrangement, wall: Wall) -> None:
-    """Hang a curtain before a wall, from just below the ceiling."""
+def _hang_curtain(room: FloorSceneBuilder, wall: Wall) -> None:
+    """Hang a curtain in front of a wall, from just below the ceiling."""
     picked = room.pick({"curtain": (1.0, 1.0)})
     if picked is None:
         return

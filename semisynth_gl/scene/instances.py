@@ -1,7 +1,7 @@
 """The table of a scene's instances: one row for each, with its model, its pose and its patch.
 
-All parts of a scene append rows to one table, `PatchMapping` gives each row its patch, and `to_scene` makes the
-renderer's arrays of it.
+All parts of a scene append rows to one table. `PatchMapping` assigns a patch to each row. `to_scene` turns the table
+into the renderer's arrays.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from semisynth_gl.scene.scene import Projector, Scene
 from semisynth_gl.textures.atlas import Patch
 from semisynth_gl.textures.shares import patch_chances
 
-# Largest factor by which large patches are enlarged so that they do not repeat.
+# Maximum factor by which a large patch is enlarged so that it does not repeat.
 _ENLARGED = 2.0
 # Multiples of this number, modulo 1, spread evenly over [0, 1).
 _GOLDEN = (5**0.5 - 1) / 2
@@ -26,16 +26,16 @@ INSTANCE = np.dtype(
         ("model", np.int64),  # index into the sampler's models: `SURFACE_MODELS`, then the library's
         ("pose", np.float64, (4, 4)),  # world_from_model, metres
         ("unit_m", np.float64, 2),  # lengths of one unit of u and of v
-        ("texture", np.int64),  # the row whose texture it wears: itself, or an earlier one
-        ("large", np.bool_),  # whether it wears a large patch however little of it is seen
+        ("texture", np.int64),  # number of the row whose texture it shares: its own number, or that of an earlier row
+        ("large", np.bool_),  # whether it always gets a large patch, even if only a small part of it is visible
         ("sky", np.bool_),  # whether it is infinitely far away
-        ("depth_m", np.float64),  # depth at which the texels per pixel of its texture hold
-        ("uv_low", np.float64, 2),  # lowest UV that is seen
-        ("uv_high", np.float64, 2),  # highest UV that is seen
+        ("depth_m", np.float64),  # depth at which its texture has the sampled texels per pixel
+        ("uv_low", np.float64, 2),  # lowest visible UV
+        ("uv_high", np.float64, 2),  # highest visible UV
         ("slot", np.int64),  # slot of a particle; -1 for a static instance
         ("generation", np.int64),  # number of a particle in its slot; -1 for a static instance
         ("resting", np.bool_),  # whether it is a particle at rest
-        ("patch", np.int64),  # the patch that it wears; a patch of video frames has an atlas layer per frame
+        ("patch", np.int64),  # number of its patch; a patch of video frames has an atlas layer per frame
         ("uv_scale", np.float64, 2),  # patches per UV unit
         ("uv_offset", np.float64, 2),  # patches
     ],
@@ -46,7 +46,7 @@ Instances = NDArray[np.void]
 
 
 def new_instances(count: int, **fields: ArrayLike) -> Instances:
-    """Return a table of ``count`` static instances; columns that are not given are 0."""
+    """Return a table of ``count`` static instances; columns that are not in ``fields`` are 0."""
     table = np.zeros(count, INSTANCE)
     table["slot"] = table["generation"] = -1
     for name, values in fields.items():
@@ -62,7 +62,7 @@ def to_scene(
     layer: Ints | None = None,
     projector: Projector | None = None,
 ) -> Scene:
-    """Return a table as the renderer's arrays; without a pose the camera is at rest, without layers all are 0."""
+    """Return a table as the renderer's arrays; by default the camera is at the world's origin, and all layers are 0."""
     return Scene(
         camera=camera,
         near_m=near_m,
@@ -75,12 +75,12 @@ def to_scene(
 
 
 def choose(ends: Floats, chance: Floats) -> Ints:
-    """Map uniform numbers (N,) to the indices (N,) of K items by the cumulative chances (K,) of the items."""
+    """Choose N of K items with uniform numbers (N,) and the items' cumulative chances (K,); return indices (N,)."""
     return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
 
 
 class PatchMapping:
-    """Gives the atlas's patches, small ones before large ones, to instances."""
+    """Assigns patches of the atlas to instances; ``patches`` has small patches before large ones."""
 
     def __init__(self, section: TexturesSection, patches: Sequence[Patch]) -> None:
         self._section = section
@@ -93,25 +93,27 @@ class PatchMapping:
         self._layer_count = np.array([patch.layer_count for patch in patches])
 
     def layers(self, patch: Ints, sequence: int, frame: int) -> Ints:
-        """Return the atlas layers (N,) that patches (N,) show in a frame; each video begins at another frame."""
+        """Return the atlas layers (N,) that patches (N,) show in a frame; each video starts at a different frame."""
         count = self._layer_count[patch]
+        # 7919 is a prime above all counts: the starts of successive patches differ.
         return np.asarray(self._first_layer[patch] + ((patch * 7919 + sequence) % count + frame) % count)
 
     def apply(self, table: Instances, own: Floats, camera: StereoCamera) -> None:
         """Set ``patch``, ``uv_scale`` and ``uv_offset`` of N instances.
 
-        The uniform random numbers ``own`` (N, 4) choose the patch, the part of the patch that is shown, in u and v, and
-        the texels per pixel. An instance that wears another one's texture is textured by the other one's numbers, but
-        shows a part of a large patch by its own: each side of a box shows another part.
+        The uniform random numbers ``own`` (N, 4) choose the patch, the visible part of the patch in u and v, and the
+        texels per pixel. Instances that share a texture use the numbers of the first of them. Only the part of a large
+        patch is chosen with an instance's own numbers, so each side of a box shows a different part.
         """
-        chances, texels_range = own[table["texture"]], self._section.texels_per_pixel
+        chances = own[table["texture"]]  # a copy, whose first column changes below
+        texels_range = self._section.texels_per_pixel
         texels = texels_range.low * (texels_range.high / texels_range.low) ** chances[:, 3]
         patch, large = choose(self._small_ends, chances[:, 0]), np.zeros(len(table), bool)
         if len(self._large_ends):
-            # Large surfaces wear large patches, and so do those on which a small patch would repeat.
+            # Large surfaces get large patches, and so do surfaces on which a small patch would repeat.
             repeats = _extent_px(table, camera).max(axis=1) * texels > self._section.patch_px
             large = table["large"] | repeats
-            # Large patches are spread over the static instances, so that few of them wear the same patch.
+            # Spread large patches evenly: the k-th texture adds k * _GOLDEN to the first instance's random number.
             static = np.flatnonzero(large & (table["slot"] < 0))
             order = np.unique(table["texture"][static], return_inverse=True)[1]
             chances[static, 0] = (own[:1, 0] + order * _GOLDEN) % 1.0
@@ -122,7 +124,7 @@ class PatchMapping:
 
 
 def _extent_px(table: Instances, camera: StereoCamera) -> Floats:
-    """Return the lengths in px, along u and v, of each instance's visible part if it faced the camera, (N, 2)."""
+    """Return the lengths, px, along u and v of each instance's visible part, as if it faced the camera: (N, 2)."""
     extent = table["uv_high"] - table["uv_low"]
     return np.asarray(extent * table["unit_m"] * (camera.focal_px / table["depth_m"])[:, None])
 
@@ -130,22 +132,22 @@ def _extent_px(table: Instances, camera: StereoCamera) -> Floats:
 def map_patches(
     table: Instances, camera: StereoCamera, section: TexturesSection, texels: Floats, part: Floats, large: Bools
 ) -> tuple[Floats, Floats]:
-    """Lay patches on N instances: small patches anywhere, large patches so that they do not repeat if possible.
+    """Map patches to N instances: small patches at any offset, large patches so that they do not repeat if possible.
 
-    ``texels`` (N,) is the number of texels per pixel of an instance that faces the camera at its depth. The uniform
-    numbers ``part`` (N, 2) choose the part of its patch that an instance shows; ``large`` (N,) says whether the patch
-    is a large one. Returns `Scene.uv_scale` and `Scene.uv_offset`.
+    ``texels`` (N,) is the number of texels per pixel for an instance that faces the camera at its ``depth_m``. The
+    uniform numbers ``part`` (N, 2) choose the part of the patch that an instance shows. ``large`` (N,) says whether the
+    patch is large. Returns `Scene.uv_scale` and `Scene.uv_offset`.
     """
-    # One patch spans at least the width of the view on a large surface that faces the camera.
+    # On a large surface that faces the camera, one patch spans at least the width of the view.
     spanning = large & table["large"]
     texels = np.where(spanning, np.minimum(texels, section.large_px / camera.width_px), texels)
     patch_px = np.where(large, section.large_px, section.patch_px)
     if large.any():
         seen = _extent_px(table, camera).max(axis=1) * texels / patch_px
         texels = np.where(large, texels / np.clip(seen, 1.0, _ENLARGED), texels)
-    # At one texel per pixel, this many patches cover a unit of a ray's slope X / Z.
+    # Patches per unit of X / Z at one texel per pixel.
     patches_per_slope = camera.focal_px / patch_px
     scale = table["unit_m"] * (patches_per_slope * texels / table["depth_m"])[:, None]
-    # The visible part must lie between two borders of the patch, since the patch is mirrored beyond them.
+    # The visible part must lie inside the patch, which is mirrored or repeated beyond its borders.
     free = 1 - (table["uv_high"] - table["uv_low"]) * scale
     return scale, np.where(large[:, None], part * free - table["uv_low"] * scale, part)

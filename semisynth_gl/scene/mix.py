@@ -1,4 +1,4 @@
-"""The scenes of a dataset with several recipes. Each sequence has one recipe."""
+"""Samples the scenes of a dataset with several recipes. Each sequence has one recipe."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,15 +16,15 @@ from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
-# Number of sequences that are searched for the first one of each recipe.
+# Number of sequences in which the first sequence of each recipe is searched for.
 _SEARCHED = 100_000
-# Multiples of this number, modulo 1, spread over [0, 1) almost as evenly as multiples of the golden ratio. The root of
-# 221 = 13 * 17 is unrelated to the roots of primes that share out the numbers of particles.
+# Multiples of this number, modulo 1, are spread over [0, 1) almost as evenly as multiples of the golden ratio. The root
+# of 221 = 13 * 17 is unrelated to the roots of primes with which the solver spreads the numbers of particles.
 _STEP = (221**0.5 - 11) / 10
 
 
 def recipe_numbers(sequences: Ints, shares: Sequence[float], seed: int) -> Ints:
-    """Return the number of each sequence's recipe, (N,); ``sequences`` (N,) are the sequences' own numbers.
+    """Return the number of each sequence's recipe, (N,), for the numbers of sequences (N,).
 
     Among successive sequences, each recipe is as frequent as its share says. The ``shares`` are above 0 and add up
     to 1. The ``seed`` decides where the order of recipes begins.
@@ -36,12 +36,12 @@ def recipe_numbers(sequences: Ints, shares: Sequence[float], seed: int) -> Ints:
 class MixSampler:
     """Samples the scenes of one dataset, each sequence of one recipe.
 
-    Sequence s of a mix equals sequence s of its recipe alone, with the same seed. There is one exception: where some
-    recipes state their layers, or a target that is not the dataset's, the remaining recipes are solved for the part of
-    the dataset's target that these leave open.
+    Sequence s of a mix equals sequence s of a dataset that has only its recipe, with the same seed. There is one
+    exception. Some recipes may state their layers, or a target that differs from the dataset's. Then all other recipes
+    are solved for the part of the dataset's target that those recipes do not supply.
 
     The libraries, one for each recipe, and the atlas's patches come from the same config and seed. ``samplers`` has the
-    sampler of each recipe; `Scene.model` refers to ``models``: the surface models, then the models of all recipes.
+    sampler of each recipe. `Scene.model` refers to ``models``: the surface models, then the models of all recipes.
 
     Raises:
         InputError: where a recipe's target cannot be met.
@@ -72,7 +72,7 @@ class MixSampler:
             return sampler.sample(index, attempt)
 
     def expected(self) -> Histogram:
-        """Return the mean distribution of the disparities of the dataset's pairs, over all baselines."""
+        """Return the expected distribution of disparity over all pairs of the dataset and all baselines."""
         both = zip(self.recipes, self.samplers, strict=True)
         parts = [(recipe.share, recipe.config.across_baselines(_expected(sampler))) for recipe, sampler in both]
         if len(parts) == 1:
@@ -81,10 +81,10 @@ class MixSampler:
         return Histogram.from_counts(edges_px, sum(share * part.rebinned(edges_px).shares for share, part in parts))
 
     def overview(self, pairs: int) -> list[int]:
-        """Return the numbers of some ``pairs``, at least 1, that show as many recipes as possible, in ascending order.
+        """Return the ascending numbers of ``pairs`` pairs, at least 1, that show as many recipes as possible.
 
-        The first pair of each recipe is taken, and then the first of the dataset's other pairs. Recipes whose share is
-        so tiny that the first 100,000 sequences have none of them are left out.
+        The first pair of each recipe is chosen, and then the dataset's first other pairs. A recipe whose share is so
+        small that none of the first 100,000 sequences has it is ignored.
         """
         firsts = np.unique(self._recipes(np.arange(_SEARCHED)), return_index=True)[1]
         firsts = np.sort(firsts) * self._config.sequence_pairs
@@ -94,12 +94,12 @@ class MixSampler:
         return recipe_numbers(sequences, [recipe.share for recipe in self.recipes], self._seed)
 
     def _rest(self, others: Mapping[int, SceneSampler]) -> Histogram:
-        """Return the part of the mix's target that other recipes leave open."""
+        """Return the part of the dataset's target that the recipes ``others`` do not supply."""
         target = self._config.wanted_histogram()
         rest = target.shares.copy()
         for number, sampler in others.items():
             rest -= self.recipes[number].share * _expected(sampler).rebinned(target.edges_px).shares
-        # Where the other recipes show too much of some disparities, no recipe can take that back.
+        # Where the other recipes show too much of a disparity, no recipe can compensate.
         return Histogram.from_counts(target.edges_px, np.maximum(rest, 0))
 
 
@@ -110,7 +110,7 @@ def _expected(sampler: SceneSampler) -> Histogram:
 
 @contextmanager
 def _named(recipe: str | None) -> Iterator[None]:
-    """Name the recipe in each InputError that its scenes raise."""
+    """Put the recipe's name in front of each InputError of the block."""
     try:
         yield
     except InputError as error:

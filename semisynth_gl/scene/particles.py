@@ -3,10 +3,10 @@
 All positions are in closed form, so any moment can be computed directly. A slot is one stream of models: it keeps its
 layer, depth, size and speed, and releases one model after another. Model number g of a slot (its generation) leaves
 the emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant. A
-slot may rest: then it shows its first model, which stays where it lies.
+resting slot shows only its first model, which does not move.
 
-No model appears or disappears in view: a path begins and ends just outside both views, and its drift in depth is
-limited so that the model stays beyond the near plane. A slot that is too near for this shows nothing.
+No model appears or disappears in view: a path begins and ends just outside both views. Its drift in depth is limited so
+that the model stays beyond the near plane. A slot that is too near to the near plane shows nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,13 +21,13 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import sample_scales
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.rig import SequenceRig, rotation_about_axis, rotation_from_quaternion
-from semisynth_gl.scene.view_volume import Height, clear_depth_m, height_of_view
+from semisynth_gl.scene.view_volume import VerticalExtent, clear_depth_m, vertical_extent
 
 _QUANTILES = (np.arange(64) + 0.5) / 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Slots:
+class ParticleSlots:
     """S streams of falling models."""
 
     depth_m: Floats  # (S,) planar depth of the path's middle
@@ -37,9 +37,9 @@ class Slots:
     period_s: Floats  # (S,) time from the emission plane to the end of the view
     phase: Floats  # (S,) age at time 0, in periods, in [0, 1)
     path_m: Floats  # (S,) length that the path would have without drift
-    nearer_m: Floats  # (S,) largest approach from the path's middle; 0 or less where the middle is too near
-    view: Height  # where both views end above and below
-    resting: Mapping[int, Floats] = field(default_factory=dict)  # poses (4, 4) of the models that rest, by slot
+    nearer_m: Floats  # (S,) how far a model may come nearer than the path's middle; 0 or less if the middle is too near
+    view: VerticalExtent  # where both views end above and below
+    resting: Mapping[int, Floats] = field(default_factory=dict)  # by slot, the pose (4, 4) of a model at rest
 
     def __len__(self) -> int:
         return len(self.depth_m)
@@ -50,20 +50,20 @@ class Slots:
 
     @property
     def shown(self) -> Bools:
-        """(S,) bool, whether a slot shows its models: it does where they keep clear of the near plane, or rest."""
+        """(S,) bool, whether a slot shows its models: they rest, or they stay beyond the near plane."""
         shown = self.nearer_m > 0
         shown[list(self.resting)] = True
         return shown
 
     def generation(self, time_s: float) -> Ints:
-        """Return the number of the model that each slot shows at a time, (S,); negative for releases before time 0."""
+        """Return the generation that each slot shows at a time, (S,); negative for models released before time 0."""
         generation = np.floor(time_s / self.period_s + self.phase).astype(np.int64)
         generation[list(self.resting)] = 0
         return generation
 
 
-class Release(NamedTuple):
-    """The release of each slot's model of one generation."""
+class ParticleStart(NamedTuple):
+    """How the models of one generation start, for each slot."""
 
     start_px: Floats  # (S,) image x of the path's middle, left view
     quaternion: Floats  # (S, 4) rotation at release, x y z w
@@ -73,7 +73,7 @@ class Release(NamedTuple):
     scale: Floats  # (S, 3) scale along the model's axes relative to its radius, the largest 1
 
 
-class Sizes(NamedTuple):
+class ParticleSizes(NamedTuple):
     """Diameters of models' bounding spheres, sampled uniformly in their logarithm."""
 
     low: float
@@ -81,38 +81,38 @@ class Sizes(NamedTuple):
     metric: bool = False  # whether diameters are in metres, so that far models look smaller; else they are in pixels
 
     def radius_px(self, camera: StereoCamera, disparity_px: Floats, quantile: Floats) -> Floats:
-        """Return the radii, px, that quantiles of the sizes (0 to 1) have at disparities; the two arrays broadcast."""
+        """Return the radii, px, of quantiles (0 to 1) of the sizes at disparities; both arrays are broadcast."""
         radius = self.low / 2 * (self.high / self.low) ** quantile
         if self.metric:
             radius = radius * camera.focal_px / camera.depth_m(disparity_px)
         return np.broadcast_to(radius, np.broadcast_shapes(radius.shape, disparity_px.shape))
 
-    def scaled(self, factor: float) -> "Sizes":
+    def scaled(self, factor: float) -> "ParticleSizes":
         """Return these sizes times a factor."""
-        return Sizes(self.low * factor, self.high * factor, self.metric)
+        return ParticleSizes(self.low * factor, self.high * factor, self.metric)
 
 
-def stated_sizes(section: ParticlesSection, layer: DepthLayerSection | None = None) -> Sizes:
+def stated_sizes(section: ParticlesSection, layer: DepthLayerSection | None = None) -> ParticleSizes:
     """Return the sizes that a config states for all particles, or for a depth layer."""
     if layer is not None and layer.size_px is not None:
-        return Sizes(layer.size_px.low, layer.size_px.high)
+        return ParticleSizes(layer.size_px.low, layer.size_px.high)
     if section.size_m is not None:
-        return Sizes(section.size_m.low, section.size_m.high, metric=True)
-    return Sizes(section.size_px.low, section.size_px.high)
+        return ParticleSizes(section.size_m.low, section.size_m.high, metric=True)
+    return ParticleSizes(section.size_px.low, section.size_px.high)
 
 
-class Batch(NamedTuple):
-    """Particles of one range of disparities."""
+class ParticleBatch(NamedTuple):
+    """A number of particles in one range of disparities."""
 
     disparity_px: Range  # of the paths' middles
     number: int  # of particles
-    sizes: Sizes
+    sizes: ParticleSizes
 
 
-def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
-    """Return how many times, on average, a particle at disparities (K,) covers a pixel of the left view, (K,).
+def expected_cover(camera: StereoCamera, sizes: ParticleSizes, disparity_px: Floats, fill: float) -> Floats:
+    """Return the coverage that one particle adds at disparities (K,): the mean number of times it covers a pixel, (K,).
 
-    ``fill`` is that of the models' mean `Silhouette`.
+    The pixels are those of the left view. ``fill`` is that of the models' mean `Silhouette`.
     """
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)
@@ -120,7 +120,7 @@ def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fil
     return np.asarray((area / released).mean(axis=1))
 
 
-def expected_in_view(camera: StereoCamera, sizes: Sizes, disparity_px: Floats) -> Floats:
+def expected_in_view(camera: StereoCamera, sizes: ParticleSizes, disparity_px: Floats) -> Floats:
     """Return the share of the particles at disparities (K,) whose bounding sphere touches the left view, (K,)."""
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     width = _release_width_px(camera, disparity_px[:, None], radius)
@@ -128,10 +128,10 @@ def expected_in_view(camera: StereoCamera, sizes: Sizes, disparity_px: Floats) -
 
 
 def _mean_secant(camera: StereoCamera) -> float:
-    """Return the mean factor, over the left view, by which the image enlarges areas compared with its middle.
+    """Return the mean of the factor by which the left image shows areas larger than in its middle.
 
-    A surface of area a that faces a ray at an angle t to the axis, at depth Z, takes the solid angle a cos(t)^2 / Z^2,
-    and a solid angle takes f^2 / cos(t)^3 of the picture: together 1 / cos(t) of the area in the middle.
+    At an angle t to the axis and at depth Z, a surface of area a that faces the ray covers the solid angle
+    a cos(t)^2 / Z^2. The image maps a solid angle to f^2 / cos(t)^3 times its size. So the factor is 1 / cos(t).
     """
     x = ((np.arange(16) + 0.5) / 16 * camera.width_px - 0.5 - camera.cx_left_px) / camera.focal_px
     y = ((np.arange(16) + 0.5) / 16 * camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px
@@ -139,27 +139,27 @@ def _mean_secant(camera: StereoCamera) -> float:
 
 
 def _release_width_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floats) -> Floats:
-    """Return the width, in the left image, of the region that particles pass through: both views and their margin."""
+    """Return the width, px of the left image, of the region in which particles fall: both views and their margins."""
     return camera.width_px + np.abs(disparity_px) + 2 * radius_px
 
 
 def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
-    """Return the lengths in px of particles' paths through both views of a rig at rest; any shape."""
-    view = height_of_view(SequenceRig((camera,)))
+    """Return the lengths, px, of the paths of particles through both views of a rig without sway; any shape."""
+    view = vertical_extent(SequenceRig((camera,)))
     return np.asarray((view.bottom - view.top) * camera.focal_px + sum(view.secants) * radius_px)
 
 
 def sample_slots(
     rig: SequenceRig,
     section: ParticlesSection,
-    batches: Sequence[Batch],
+    batches: Sequence[ParticleBatch],
     rng: np.random.Generator,
     relief_px: float = np.inf,
-) -> Slots:
+) -> ParticleSlots:
     """Sample the slots of one sequence, one for each particle of the batches.
 
-    Batches of more than ``section.most`` particles together are cut in proportion. Models whose radius along the
-    viewing axis would be above ``relief_px`` are flattened.
+    If all batches together have more than ``section.most`` particles, they are reduced in proportion. Models whose
+    radius along the viewing axis would exceed ``relief_px`` are flattened.
     """
     camera = rig.camera
     counts = np.array([batch.number for batch in batches], np.int64)
@@ -177,21 +177,23 @@ def sample_slots(
     speed = section.fall_m_s.sample_many(rng, total)
     phase = rng.random(total)
     depth = camera.depth_m(disparity)
-    radius_m, view = radius * depth / camera.focal_px, height_of_view(rig)
+    radius_m, view = radius * depth / camera.focal_px, vertical_extent(rig)
     path = (view.bottom - view.top) * depth + sum(view.secants) * (radius_m + view.reach_m)
     width = _release_width_px(camera, disparity, radius)
     aside = np.hypot(width * depth / camera.focal_px, path) * (1 + section.drift.high)
     flatness = np.minimum(relief_px / radius, 1.0)
     nearer = depth - clear_depth_m(rig, radius_m * flatness, aside)
     nearer = np.minimum(nearer, relief_px * depth / camera.focal_px)
-    return Slots(depth, disparity, radius, flatness, path / speed, phase, path, nearer, view)
+    return ParticleSlots(depth, disparity, radius, flatness, path / speed, phase, path, nearer, view)
 
 
-def sample_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
-    """Sample the release of every slot's model of one generation."""
+def sample_start(
+    camera: StereoCamera, section: ParticlesSection, slots: ParticleSlots, rng: np.random.Generator
+) -> ParticleStart:
+    """Sample how every slot's model of one generation starts."""
     total = len(slots)
     width = _release_width_px(camera, slots.disparity_px, slots.radius_px)
-    # Particles of negative disparity enter the right view from the left.
+    # With a negative disparity, the right view shows particles that lie to the left of the left view.
     start = rng.random(total) * width - slots.radius_px - 0.5 + np.minimum(slots.disparity_px, 0)
     quaternion = rng.normal(size=(total, 4))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
@@ -201,16 +203,16 @@ def sample_release(camera: StereoCamera, section: ParticlesSection, slots: Slots
     heading = rng.uniform(0, 2 * np.pi, total)
     drift = section.drift.sample_many(rng, total)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
     scale = sample_scales(section, total, rng)
-    return Release(start, quaternion, axis, spin, drift, scale)
+    return ParticleStart(start, quaternion, axis, spin, drift, scale)
 
 
 def particle_poses(
-    camera: StereoCamera, slots: Slots, release: Callable[[int], Release], time_s: float, generation: Ints
+    camera: StereoCamera, slots: ParticleSlots, starts: Callable[[int], ParticleStart], time_s: float, generation: Ints
 ) -> Floats:
     """Pose a model of every slot at any time, directly and without stepping.
 
-    ``release`` returns the release of all slots for the number of a generation. ``generation`` (S,) chooses the model
-    of each slot, which goes on along its path before its release and after its end.
+    ``starts`` returns the start of all slots' models of a generation, given its number. ``generation`` (S,) chooses
+    the model of each slot. Before its release and after its end, a model continues along its path.
 
     Returns:
         world_from_model (S, 4, 4) of models of radius 1; the world is the left camera's frame without its sway.
@@ -225,19 +227,19 @@ def particle_poses(
     nearest = np.maximum(slots.nearer_m, 0.0)
     for number in np.unique(generation):
         k = np.flatnonzero(generation == number)
-        released = release(int(number))
-        drift_m = released.drift[k] * slots.path_m[k, None]
+        start = starts(int(number))
+        drift_m = start.drift[k] * slots.path_m[k, None]
         away_m = np.clip(drift_m[:, 1], -2 * nearest[k], 2 * nearest[k])
         first_m, last_m = slots.depth_m[k] - away_m / 2, slots.depth_m[k] + away_m / 2
         begin = slots.view.top * first_m - above * apart_m[k]
         end = slots.view.bottom * last_m + below * apart_m[k]
-        centre[k, 0] = (released.start_px[k] - camera.cx_left_px) * metre[k] + (age[k] - 0.5) * drift_m[:, 0]
+        centre[k, 0] = (start.start_px[k] - camera.cx_left_px) * metre[k] + (age[k] - 0.5) * drift_m[:, 0]
         centre[k, 1] = begin + age[k] * (end - begin)
         centre[k, 2] = slots.depth_m[k] + (age[k] - 0.5) * away_m
-        angle = released.spin_rad_s[k] * age[k] * slots.period_s[k]
-        rotation = rotation_about_axis(released.axis[k], angle) @ rotation_from_quaternion(released.quaternion[k])
-        matrix[k, :3, :3] = rotation * (released.scale[k] * radius_m[k, None])[:, None, :]
-    # The viewing axis is that of the camera without its sway: a model must not change as the camera moves.
+        angle = start.spin_rad_s[k] * age[k] * slots.period_s[k]
+        rotation = rotation_about_axis(start.axis[k], angle) @ rotation_from_quaternion(start.quaternion[k])
+        matrix[k, :3, :3] = rotation * (start.scale[k] * radius_m[k, None])[:, None, :]
+    # Flatten along the axis of the camera without its sway: a model must not change its shape as the camera moves.
     matrix[:, 2, :3] *= slots.flatness[:, None]
     for slot, pose in slots.resting.items():
         matrix[slot] = pose

@@ -1,4 +1,4 @@
-"""The projector of a rig: its pattern, which all scenes of a dataset share, and its pose and light in a sequence."""
+"""Makes the pattern of a rig's projector, which all scenes share, and samples its pose and light for a sequence."""
 
 import math
 
@@ -29,9 +29,9 @@ def sample_projector(section: ProjectorSection, rng: np.random.Generator) -> Pro
 
 
 def find_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
-    """Paint or read the pattern, (H, W) uint8: it belongs to the projector, so all pairs and datasets have the same.
+    """Paint or read the pattern, (H, W) uint8. It depends only on the section, so all pairs and datasets share it.
 
-    Raises InputError where its file cannot be read, or has another size.
+    Raises InputError where its file cannot be read, or has a different size than the section says.
     """
     height, width = section.pattern_height_px, section.pattern_width_px
     if section.painted:
@@ -56,7 +56,7 @@ def _painted(section: ProjectorSection, height: int, width: int) -> NDArray[np.u
         away = np.abs(np.arange(width) - starts[:, None]).min(axis=0)
         light[:] = np.clip(section.size_px / 2 + 0.5 - away, 0, 1)
     else:
-        # A dot at a random position in each square of a grid: random, and nowhere crowded.
+        # One dot at a random position in each square of a grid, so that dots are nowhere crowded.
         step = section.size_px * math.sqrt(math.pi / 4 / section.density)
         rows, columns = (np.arange(math.ceil(side / step)) for side in (height, width))
         squares = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -16,9 +16,9 @@ from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.scene import Scene, placed_vertices
 
-# Number of comparisons of rays and triangles' bounding boxes that are made at a time, about, to bound memory.
+# Approximate number of rays that are compared with bounding boxes of triangles at a time, to bound memory.
 _COMPARISONS = 1_000_000
-# Margin by which bounding boxes are wider, so that rounding of the projection never loses a ray on an edge.
+# Margin of the bounding boxes, so that rounding of the projection never loses a ray on an edge.
 _BOX_MARGIN_PX = 1e-3
 
 
@@ -32,13 +32,13 @@ class Hits:
 
 
 def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats) -> Hits:
-    """Cast rays from one eye through R pixel positions, whole (the centres of pixels) or fractional.
+    """Cast rays from one eye through R pixel positions; whole numbers are the centres of pixels.
 
     Among surfaces at the same depth, a ray hits the first instance and triangle. Rays pass through surfaces nearer than
-    ``scene.near_of(eye)``, which the renderer does not draw. The sky is behind everything else; among several skies, a
-    ray hits the first instance.
+    ``scene.near_of(eye)``, which the renderer does not draw. The sky is behind everything else. Where instances of the
+    sky overlap, a ray hits the first of them.
 
-    ``scene.model`` refers to ``models``. ``x_px`` and ``y_px`` have the R columns and rows, in any shape.
+    ``scene.model`` indexes ``models``. ``x_px`` and ``y_px`` have the R columns and rows, in any shape.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()
@@ -49,14 +49,14 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
     for number in range(len(scene)):
         vertices, triangles = vertices_in_view(scene, models, eye, number), models[int(scene.model[number])].triangles
         sky = bool(scene.sky[number])
-        # No part of the sky is near.
+        # The near plane never cuts the sky.
         near_m = np.finfo(np.float64).tiny if sky else scene.near_of(eye)
         boxes = _boxes(camera, eye, vertices, triangles, near_m)
         for position, triangle in _inside(boxes, sorted_x, sorted_y):
             ray = by_row[position]
             depth_m = _depths(rays[ray], vertices[triangles[triangle]], near_m)
             order = np.flatnonzero(np.isfinite(depth_m))
-            # Sort by ray, depth and triangle, then keep the first hit of each ray.
+            # Keep the first hit of each ray, by depth, then by triangle.
             order = order[np.lexsort((triangle[order], depth_m[order], ray[order]))]
             order = order[np.unique(ray[order], return_index=True)[1]]
             if sky:
@@ -78,9 +78,9 @@ def vertices_in_view(scene: Scene, models: Sequence[Mesh], eye: Eye, number: int
 
 
 def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[np.integer], near_m: float) -> Floats:
-    """Return the bounding boxes (4, T), x0 x1 y0 y1, of triangles on the image.
+    """Return the bounding boxes (4, T), x0 x1 y0 y1, of triangles in the image.
 
-    A triangle that crosses the near plane has an infinite box; a triangle in front of that plane has an empty box.
+    A triangle that crosses the near plane has an infinite box. A triangle nearer than the plane has an empty box.
     """
     depth = vertices[:, 2]
     safe = np.where(depth > 0, depth, 1.0)
@@ -100,9 +100,9 @@ def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[
 
 
 def _inside(boxes: Floats, x: Floats, y: Floats) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Yield all pairs of a position and a box (4, T) around it, as two arrays of numbers, in parts of ascending boxes.
+    """Yield all pairs of a position and a box (4, T) that contains it, as two arrays of indices.
 
-    Positions must be sorted by y.
+    Each yield has the pairs of a range of boxes; ranges ascend. Positions must be sorted by y.
     """
     x0, x1, y0, y1 = boxes
     begin, end = np.searchsorted(y, y0.min()), np.searchsorted(y, y1.max(), side="right")
@@ -110,7 +110,7 @@ def _inside(boxes: Floats, x: Floats, y: Floats) -> Iterator[tuple[NDArray[np.in
     if not len(near):
         return
     x, y = x[near], y[near]
-    # The positions in a box's rows are contiguous, and so are all pairs with the box.
+    # The positions in a box's rows are contiguous, so all pairs with one box are contiguous, too.
     first = np.searchsorted(y, y0)
     count = np.maximum(np.searchsorted(y, y1, side="right") - first, 0)
     last = np.cumsum(count)
@@ -124,7 +124,7 @@ def _inside(boxes: Floats, x: Floats, y: Floats) -> Iterator[tuple[NDArray[np.in
 
 
 def _depths(direction: Floats, corners: Floats, near_m: float) -> Floats:
-    """Return the depths (N,) at which rays hit a triangle each (Moller and Trumbore 1997); inf where a ray misses.
+    """Return the depths (N,) at which N rays hit N triangles (Moller and Trumbore 1997); inf where a ray misses.
 
     Directions (N, 3) have z = 1, so the ray's parameter is the planar depth.
     """
@@ -143,5 +143,5 @@ def _depths(direction: Floats, corners: Floats, near_m: float) -> Floats:
 
 
 def _dot(left: Floats, right: Floats) -> Floats:
-    """Return the dot products (N,) of vectors (N, 3), sooner than by numpy's sums over short rows."""
+    """Return the dot products (N,) of vectors (N, 3); numpy's sums over such short rows would be slower."""
     return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]

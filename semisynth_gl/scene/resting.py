@@ -1,4 +1,4 @@
-"""The surfaces on which things stand, and particles at rest: models that lie on them instead of falling."""
+"""Finds the surfaces on which things stand, and lays resting particles on surfaces."""
 
 from collections.abc import Sequence
 
@@ -13,18 +13,19 @@ _STEEPEST = 0.5
 
 
 def surfaces_below(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Find, for each of points (P, 3), the nearest of triangles (T, 3, 3) below it.
+    """Find the nearest triangle below each point.
 
-    Points and triangles are in a frame whose z points up. A point with z = inf finds the highest triangle of all.
+    Points (P, 3) and the corners of triangles (T, 3, 3) are in a frame whose z points up. A point with z = inf finds
+    the highest triangle.
 
     Returns:
-        The height of the surface below each point, (P,), and its unit normal, upwards, (P, 3); both 0 where there is
-        none.
+        The height of the surface below each point, (P,), and the surface's upward unit normal, (P, 3); both are 0 where
+        no triangle is below the point.
     """
     point, triangle = _pairs_over(corners[..., :2], points[:, :2])
     first = corners[triangle, 0]
     edge_1, edge_2 = corners[triangle, 1] - first, corners[triangle, 2] - first
-    # Seen from above with the point as the origin: u and v say how far it lies along both edges, in their lengths.
+    # Seen from above, with the point as the origin; u and v are its coordinates along both edges, in lengths of these.
     seen = corners[triangle, :, :2] - points[point, None, :2]
     (from_x, from_y), (x_1, y_1), (x_2, y_2) = seen[:, 0].T, (seen[:, 1] - seen[:, 0]).T, (seen[:, 2] - seen[:, 0]).T
     area = x_1 * y_2 - y_1 * x_2
@@ -33,7 +34,7 @@ def surfaces_below(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
         v = (from_x * y_1 - from_y * x_1) / area
         height = first[:, 2] + u * edge_1[:, 2] + v * edge_2[:, 2]
         found = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (height <= points[point, 2]))
-    # The highest triangle of each point comes first.
+    # Sort so that the highest triangle of each point comes first.
     found = found[np.lexsort((-height[found], point[found]))]
     reached, number = np.unique(point[found], return_index=True)
     highest = found[number]
@@ -45,7 +46,7 @@ def surfaces_below(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
 
 
 def _pairs_over(corners: Floats, points: Floats) -> tuple[Ints, Ints]:
-    """Return all pairs of a point (P, 2) and a triangle (T, 3, 2) whose bounding box holds it, as arrays of numbers."""
+    """Return all pairs of a point (P, 2) and a triangle (T, 3, 2) whose bounding box contains it, as index arrays."""
     (low_x, low_y), (high_x, high_y) = corners.min(axis=1).T.copy(), corners.max(axis=1).T.copy()
     held = []
     for x, y in points.tolist():
@@ -65,14 +66,14 @@ def triangles_of(models: Sequence[Mesh], model: Ints, world_from_model: Floats) 
 def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Floats) -> dict[int, Floats]:
     """Lower P particles onto the surfaces below them.
 
-    Each particle keeps its rotation, and touches the plane of the surface below its centre with the point that is
-    lowest over that plane. A particle above nothing, or above a slope of more than 60 degrees, is left out.
+    Each particle keeps its rotation. Its lowest point over the plane of the surface below its centre comes to lie in
+    that plane. Particles that have no surface below them, or a slope of more than 60 degrees, do not come to rest.
 
     ``poses`` (P, 4, 4) are world_from_model of the ``meshes``. The ``corners`` (T, 3, 3) of triangles that may carry
     particles, and the unit vector ``up`` (3,), are in the world's frame. Returns the poses (4, 4) of the particles that
-    have come to rest, by number.
+    come to rest, by their number.
     """
-    # A frame whose z points up.
+    # ``turn`` leads to a frame whose z points up.
     aside = np.cross(up, least_axis(up))
     aside /= np.linalg.norm(aside)
     turn = np.stack([aside, np.cross(up, aside), up])

@@ -1,6 +1,6 @@
-"""The rig of one sequence: its stereo cameras, how they sway, and rotation matrices for everything that turns.
+"""The rig of one sequence: its stereo cameras and their sway; and rotation matrices.
 
-The sway is a bounded function of time: any frame can be rendered first, and walls can keep clear of the camera.
+The sway is a bounded function of time, so any frame can be rendered first, and walls can keep clear of the camera.
 """
 
 from collections.abc import Callable
@@ -20,20 +20,20 @@ _ALONG_BORDER = 129
 # Number of steps in the search for the near plane of a camera that deviates.
 _STEPS = 8
 
-# Where the range is very narrow, a model's radius along the viewing axis is at most this share of the range's depth. So
-# the mean of a dataset comes as near to its target as in a wide range.
+# In a very narrow range of disparities, a model's radius along the viewing axis is at most this share of the range's
+# depth. So the mean of a dataset comes as near to its target as in a wide range.
 _RELIEF = 0.1
 
 BEYOND_NEAR = 1.01
-"""Smallest depth of walls, in units of the near plane's, so that rounding never puts a disparity above max_px."""
+"""Walls are at least this many times as deep as the near plane, so that no rounded disparity is above max_px."""
 
 
 def sample_cameras(section: CameraSection, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
     """Sample the camera of each right view of a scene; the cameras differ only in the right eye.
 
-    The sampled doffs is that of the longest baseline. Shorter baselines have a doffs in proportion, unless the config
-    states the right principal point. Disparities are then in proportion, too, so that a surface with a valid disparity
-    in one view has one in all views.
+    The sampled doffs belongs to the longest baseline. Unless the config states the right principal point, doffs is
+    proportional to the baseline. Disparities are then proportional to it, too, so a surface with a valid disparity in
+    one view has a valid disparity in all views.
     """
 
     def sample(key: Range | None, default: float) -> float:
@@ -64,7 +64,7 @@ def sample_cameras(section: CameraSection, rng: np.random.Generator) -> tuple[St
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sway:
-    """The sway of the left camera: six independent oscillations, three along and three about the world's axes."""
+    """The sway of the left camera: six independent oscillations, three along the world's axes and three about them."""
 
     shift_m: Floats  # (3,) amplitude of the position along x, y and z
     turn_rad: Floats  # (3,) amplitude of the rotation vector's x, y and z
@@ -87,7 +87,7 @@ class Sway:
         return self.reach_m > 0 or self.angle_rad > 0
 
     def camera_from_world(self, time_s: float) -> Floats:
-        """Return camera_from_world of the left camera at a time, (4, 4) float64; the identity for a still camera."""
+        """Return camera_from_world of the left camera at a time, (4, 4) float64; the identity without sway."""
         if not self.moves:
             return np.eye(4)
         swing = np.sin(2 * np.pi * time_s / self.period_s + self.phase_rad)
@@ -100,10 +100,10 @@ NO_SWAY = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SequenceRig:
-    """The cameras of a sequence, and the space that its scenes leave to them."""
+    """The cameras of a sequence, the near plane that nothing may cross, and the sway."""
 
     views: tuple[StereoCamera, ...]  # the camera of each right view; the cameras differ only in the right eye
-    near_m: float = 0.0  # depth of the near plane, beyond which everything must stay
+    near_m: float = 0.0  # depth of the near plane; everything must stay beyond it
     sway: Sway = NO_SWAY
 
     @property
@@ -113,7 +113,7 @@ class SequenceRig:
 
 
 def sample_rig(config: Config, generator_for: Callable[[Purpose], np.random.Generator]) -> SequenceRig:
-    """Sample the rig of a sequence; each deviating camera may be followed by its rectified twin.
+    """Sample the rig of a sequence; the config may ask for a rectified twin after each deviating camera.
 
     ``generator_for`` returns the generators for CAMERA, RIG and SWAY. Raises InputError as `near_depth_m` does.
     """
@@ -133,12 +133,12 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     """Return the depth of the near plane, at which the largest disparity of the image is ``max_px``.
 
     For a right camera that deviates, the plane is far enough away for its rectified twin, too. Raises InputError where
-    ``min_px`` lies beyond infinity for this camera, or the deviation alone takes ``max_px``.
+    ``min_px`` + doffs is not positive, or the deviation alone causes disparities of ``max_px`` or more.
     """
     check_reachable(camera, section.min_px, "disparity.min_px")
     depth_m = plane_m = float(camera.depth_m(section.max_px))
     for _ in range(0 if camera.rectified else _STEPS):
-        # Take the deviation's share of the disparity for independent of the depth, as it nearly is.
+        # Assume that the deviation's part of the disparity does not depend on the depth, which is nearly true.
         deviates_px = _largest_disparity_px(camera, plane_m) - float(camera.disparity_px(plane_m))
         if not section.max_px - deviates_px + camera.doffs_px > 0:  # True for nan, too: a point lies behind an eye.
             raise InputError(
@@ -151,18 +151,18 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
 
 
 def relief_px(camera: StereoCamera, min_px: float, near_m: float) -> float:
-    """Return the largest radius of models along the viewing axis, px of the image at their own depth.
+    """Return the maximum radius of models along the viewing axis, px of the image at their own depth.
 
-    In a narrow range, models that are as deep as they are wide would not fit between ``min_px`` and the near plane, or
-    spread over all disparities. The limit grows to inf where the farthest depth is twice the near plane's, ``near_m``.
+    In a narrow range of disparities, models as deep as they are wide would not fit between ``min_px`` and the near
+    plane, or would spread over all disparities. The limit is inf if the depth of ``min_px`` is at least 2 ``near_m``.
     """
     deeper = max(float(camera.depth_m(min_px)) / near_m - 1, 0.0)
     return _RELIEF * camera.focal_px * deeper / (1 - deeper) if deeper < 1 else np.inf
 
 
 def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
-    """Return the largest disparity in either image of a plane that has one planar depth in the left view."""
-    # It lies on the border: the Hessian of a quotient of two linear functions has a negative determinant everywhere.
+    """Return the largest disparity, in both images, of a plane of constant planar depth in the left view."""
+    # It lies on the image's border, since the Hessian of a quotient of two linear functions has a negative determinant.
     along, across = np.tile(np.linspace(0, 1, _ALONG_BORDER), 2), np.repeat((0.0, 1.0), _ALONG_BORDER)
     x_px = np.concatenate([along, across]) * camera.width_px - 0.5
     y_px = np.concatenate([across, along]) * camera.height_px - 0.5
@@ -173,9 +173,9 @@ def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
 
 
 def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:
-    """Check that a disparity, which the config states under ``key``, has a depth in front of the camera.
+    """Raise InputError where a disparity of the config has no depth in front of the camera, since d + doffs <= 0.
 
-    Raises InputError where d + doffs is not positive: the two rays of a point with this disparity never meet.
+    The two rays of a point with this disparity would never meet. ``key`` is the config's key of the disparity.
     """
     if disparity_px + camera.doffs_px <= 0:
         raise InputError(

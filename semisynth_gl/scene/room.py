@@ -1,4 +1,4 @@
-"""A room: a box with floor, walls and ceiling, doorways and niches."""
+"""Samples a room: a box with floor, walls and ceiling, doorways and niches."""
 
 from typing import Final
 
@@ -7,28 +7,29 @@ import numpy as np
 from semisynth_gl.config import Config, Range
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Corner, Wall, camera_over_floor
 from semisynth_gl.scene.background import sample_wall_px
+from semisynth_gl.scene.floor_scene import Catalogue, Corner, FloorSceneBuilder, Wall, camera_over_floor
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.view_volume import corner_rays, deepest_m, fit_box
 
-# Range of the wall's depth, metres, in rooms of true size; a nearer or farther room is scaled.
+# Range of the far wall's depth, metres, in rooms of true size; with a nearer or farther wall, the room is scaled.
 _TRUE = Range(2.5, 9.0)
 # Range of the ceiling's height, metres, in rooms of true size.
 _HEIGHT = Range(2.4, 3.3)
-# Begin and end of holes, as shares of the wall's edges: columns of each, and rows of doorways and of niches.
+# Holes in walls, as fractions of the wall's edges: three horizontal ranges, of which a hole has one, and the vertical
+# ranges of doorways and of niches.
 _HOLES: Final = ((0.12, 0.4), (0.37, 0.63), (0.6, 0.88))
 _DOORWAY_ROWS, _NICHE_ROWS = (0.2, 1.0), (0.3, 0.62)
-# Share of a wall's edges by which the space behind a hole extends beyond the hole.
+# Share of a wall's edges by which the box behind a hole is larger than the hole on each side.
 _BEHIND = 1e-3
-# Factors by which a second room is made smaller until it fits, and its smallest depth, in metres of the room.
+# Factors by which a room behind a doorway is made smaller until it fits, and its smallest depth, in metres of the room.
 _SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25)
 _SHALLOWEST_M = 0.3
 
 
 def _pierced(low: Corner, high: Corner, name: str) -> Mesh:
-    """Build the unit square of the x-y plane with a rectangular hole from ``low`` to ``high``; u is x, and v is y."""
+    """Make the unit square of the x-y plane with a rectangular hole from ``low`` to ``high``; u is x, and v is y."""
     lines = [
         np.unique(np.concatenate([np.linspace(0, a, 4), np.linspace(a, b, 4), np.linspace(b, 1, 4)]))
         for a, b in zip(low, high, strict=True)
@@ -44,7 +45,7 @@ def _pierced(low: Corner, high: Corner, name: str) -> Mesh:
 
 
 def _hole(number: int, rows: tuple[float, float]) -> tuple[Corner, Corner]:
-    """Return the corners (u, v) of the hole at one of `_HOLES`."""
+    """Return two opposite corners (u, v) of the hole in the horizontal range ``_HOLES[number]``."""
     (left, right), (top, bottom) = _HOLES[number], rows
     return (left, top), (right, bottom)
 
@@ -53,8 +54,8 @@ DOORWAYS: Final = tuple(_pierced(*_hole(k, _DOORWAY_ROWS), "wall with a doorway"
 NICHES: Final = tuple(_pierced(*_hole(k, _NICHE_ROWS), "wall with a niche") for k in range(len(_HOLES)))
 
 
-def sample_room(config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.random.Generator) -> Arrangement:
-    """Sample a room with everything in it; nothing comes nearer than the near plane. Errors are `sample_wall_px`'s."""
+def sample_room(config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.random.Generator) -> FloorSceneBuilder:
+    """Sample a furnished room, all of it beyond the near plane; raises InputError as `sample_wall_px` does."""
     section, background, camera = config.room, config.background, rig.camera
     wall_px = sample_wall_px(config, camera, rng)
     wall_m = float(camera.depth_m(wall_px))
@@ -69,7 +70,7 @@ def sample_room(config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.
     aside = rng.uniform(0.25, 1.15, 2)
     above = max(_HEIGHT.sample(rng) * metre - height, 0.3 * metre)
 
-    # The box's axes and walls are right, left, ahead, behind, ceiling, floor.
+    # The walls of the box are in the order right, left, ahead, behind, ceiling, floor; so are `offsets_m`.
     def camera_from(height_m: float, share: float) -> Floats:
         return camera_over_floor(height_m, share * yaw, share * pitch, share * roll)
 
@@ -80,7 +81,7 @@ def sample_room(config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.
 
     share, offset = fit_box(rig, lambda share: camera_from(height, share)[:3, :3], offsets_m, farthest_m, movable=4)
     right, left, ahead, behind, above, height = offset
-    room = Arrangement(rig, camera_from(float(height), share), catalogue, metre, rng, farthest_m)
+    room = FloorSceneBuilder(rig, camera_from(float(height), share), catalogue, metre, rng, farthest_m)
     top = above + height
     walls = (
         Wall(np.array([-left, ahead, top]), np.array([left + right, 0, 0]), top),
@@ -102,8 +103,8 @@ def sample_room(config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.
     return room
 
 
-def _add_doorway(room: Arrangement, wall: Wall) -> bool:
-    """Add a wall with a doorway and the largest room behind it that fits; return False where no room fits."""
+def _add_doorway(room: FloorSceneBuilder, wall: Wall) -> bool:
+    """Add a wall with a doorway, and behind it the largest room that fits; return False if no room fits."""
     number = int(room.rng.integers(len(_HOLES)))
     deep = room.rng.uniform(0.8, 4) * room.metre
     aside = room.rng.uniform(0.3, 1.5) * room.metre / wall.length_m
@@ -117,8 +118,8 @@ def _add_doorway(room: Arrangement, wall: Wall) -> bool:
     return False
 
 
-def _add_niche(room: Arrangement, wall: Wall) -> bool:
-    """Add a wall with a niche and things in it; return False where the niche does not fit."""
+def _add_niche(room: FloorSceneBuilder, wall: Wall) -> bool:
+    """Add a wall with a niche and things in the niche; return False if the niche does not fit."""
     number, deep = int(room.rng.integers(len(_HOLES))), room.rng.uniform(0.15, 0.4) * room.metre
     low, high = _hole(number, _NICHE_ROWS)
     if not _pierce(room, wall, NICHES[number], low, high, deep):
@@ -129,29 +130,27 @@ def _add_niche(room: Arrangement, wall: Wall) -> bool:
     return True
 
 
-def _pierce(room: Arrangement, wall: Wall, model: Mesh, low: Corner, high: Corner, deep: float) -> bool:
-    """Add a wall with a hole, and the inside of a box behind it; return False where a view would see too deep.
+def _pierce(room: FloorSceneBuilder, wall: Wall, model: Mesh, low: Corner, high: Corner, deep: float) -> bool:
+    """Add a wall with a hole, and the inside of a box behind it; return False if a view would see too deep.
 
-    The box reaches from one corner (u, v) of the wall to the opposite one, and ``deep`` metres behind the wall.
+    ``low`` and ``high`` are opposite corners (u, v) of the box on the wall. The box is ``deep`` metres deep.
     """
-    # The box is a little larger than its hole: edges that only met would leave gaps in float32.
+    # The box is a little larger than its hole: without this overlap, float32 would leave gaps.
     (left, top), (right, bottom) = (low[0] - _BEHIND, low[1] - _BEHIND), (high[0] + _BEHIND, high[1] + _BEHIND)
     across, down, out = (right - left) * wall.right, (bottom - top) * wall.down, deep * wall.out
-    # Far side, floor, ceiling, left side and right side: top left corner, edge to the right, and edge down.
-    behind = [
-        (wall.at(left, top, deep), across, down),
-        (wall.at(left, bottom, deep), across, -out),
-        (wall.at(left, top), across, out),
-        (wall.at(left, top), out, down),
-        (wall.at(right, top, deep), -out, down),
-    ]
+    # Each face of the box: top left corner, edge to the right, and edge down.
+    left_side = wall.at(left, top), out, down
+    right_side = wall.at(right, top, deep), -out, down
+    far_side = wall.at(left, top, deep), across, down
+    floor, ceiling = (wall.at(left, bottom, deep), across, -out), (wall.at(left, top), across, out)
+    behind = [far_side, floor, ceiling, left_side, right_side]
     faces = np.array([[corner, corner + u, corner + u + v, corner + v] for corner, u, v in behind])
     pose = room.camera_from_floor
     if deepest_m(room.rig, faces @ pose[:3, :3].T + pose[:3, 3]) > room.farthest_m:
         return False
     room.add_rectangle(wall.corner, wall.right, wall.down, model=model)
-    for corner, u, v in behind[:-1]:
-        texture = room.add_rectangle(corner, u, v)
-    # Both sides share a texture.
-    room.add_rectangle(*behind[-1], texture=texture)
+    for face in (far_side, floor, ceiling):
+        room.add_rectangle(*face)
+    shared = room.add_rectangle(*left_side)
+    room.add_rectangle(*right_side, texture=shared)
     return True

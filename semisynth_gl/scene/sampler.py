@@ -1,4 +1,4 @@
-"""The scene of pair i of a dataset, from only the config, the seed and i."""
+"""Samples the scene of pair i of a dataset from only the config, the seed and i."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -13,19 +13,19 @@ from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.disparity_solver import DisparitySolver
 from semisynth_gl.scene.instances import INSTANCE, Instances, PatchMapping, choose, new_instances, to_scene
-from semisynth_gl.scene.particles import Release, particle_poses, sample_release, sample_slots
+from semisynth_gl.scene.particles import ParticleStart, particle_poses, sample_slots, sample_start
 from semisynth_gl.scene.projector import sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import relief_px
 from semisynth_gl.scene.scene import Motion, Scene
-from semisynth_gl.scene.structures import SURFACE_MODELS, sample_static_scene, take_stock
+from semisynth_gl.scene.structures import SURFACE_MODELS, make_catalogue, sample_static_scene
 from semisynth_gl.scene.view_volume import clear_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
-# Separates the attempt's number from a generation's number in the keys of generators; no generation reaches it.
+# In the keys of generators, this number separates an attempt's number from a generation's number. No generation has it.
 _REDONE = 2**31
-# Generations released before time 0 have keys from here on; no later generation reaches it.
+# First key of the generations released before time 0; no later generation has such a key.
 _BEFORE = 2**30
 
 
@@ -51,8 +51,8 @@ class SceneSampler:
         wanted: Histogram | None = None,
     ) -> None:
         self.config, self.seed, self.library, self.patches, self.recipe = config, seed, library, patches, recipe
-        self.catalogue = take_stock(library)
-        self.models = self.catalogue.models  # to which `Scene.model` refers: the surface models, then the library
+        self.catalogue = make_catalogue(library)
+        self.models = self.catalogue.models  # `Scene.model` indexes them: the surface models, then the library's
         self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self.catalogue, wanted)
         self.mapping = PatchMapping(config.textures, patches)
         self.chances = np.cumsum(library.chances)
@@ -73,9 +73,9 @@ class SceneSampler:
 
 
 class SceneSequence:
-    """A sequence: what its frames share, from which any frame can be sampled first.
+    """What the frames of one sequence share; any frame can be sampled first.
 
-    ``attempt`` is the number of earlier attempts at the sequence, which failed.
+    ``attempt`` is the number of failed attempts at this sequence so far.
     """
 
     def __init__(self, sampler: SceneSampler, number: int, attempt: int) -> None:
@@ -83,7 +83,7 @@ class SceneSequence:
         config = sampler.config
         self.static = static = sample_static_scene(config, sampler.catalogue, self._generator)
         rig, rng = static.rig, self._generator(Purpose.PARTICLES, 0)
-        # A repeated attempt takes the layers' quantiles of another sequence, one that no dataset reaches.
+        # A repeated attempt uses the layers' quantiles of a sequence number that no dataset reaches.
         batches = sampler.disparity_solver.sample(number + _REDONE * attempt, rig.camera, static.bare_px, rng)
         most_px = relief_px(rig.camera, config.disparity.min_px, rig.near_m)
         self.slots = sample_slots(rig, config.particles, batches, rng, most_px)
@@ -92,10 +92,10 @@ class SceneSequence:
         self.slots = replace(self.slots, resting=self._resting())
 
     def sample(self, frame: int, view: int) -> "SampledScene":
-        """Sample the scene of any frame, which may lie outside the sequence, with the camera of a right view."""
+        """Sample the scene of any frame, even outside the sequence, with the camera of a right view."""
         static, rig, mapping = self.static, self.static.rig, self.sampler.mapping
         table = np.concatenate([static.instances, self._falling(frame)], dtype=INSTANCE)
-        # Each particle wears a texture that nothing else wears.
+        # Each particle has a texture of its own.
         count = len(static.instances)
         table["texture"][count:] = np.arange(count, len(table))
         slot, generation = table["slot"][count:], table["generation"][count:]
@@ -114,15 +114,15 @@ class SceneSequence:
         """Return the poses (S, 4, 4) at a frame of all slots' models of given generations (S,)."""
         config, camera = self.sampler.config, self.static.rig.camera
 
-        def release(number: int) -> Release:
-            return sample_release(camera, config.particles, self.slots, self._released(Purpose.PARTICLES, number))
+        def starts(number: int) -> ParticleStart:
+            return sample_start(camera, config.particles, self.slots, self._of_generation(Purpose.PARTICLES, number))
 
-        return particle_poses(camera, self.slots, release, frame * config.sequence.frame_s, generation)
+        return particle_poses(camera, self.slots, starts, frame * config.sequence.frame_s, generation)
 
     def _falling(self, frame: int) -> Instances:
         """Return the table of the particles that a frame shows."""
         slots, shown = self.slots, self.slots.generation(frame * self.sampler.config.sequence.frame_s)
-        # The near plane is in front of both cameras, so no model can swallow a camera.
+        # These models stay beyond the near plane, so no camera is ever inside a model.
         slot = np.flatnonzero(slots.shown)
         generation, pose = shown[slot], self.particle_poses(frame, shown)[slot]
         model = self._models(generation, slot)
@@ -130,7 +130,7 @@ class SceneSequence:
             len(slot),
             model=model,
             pose=pose,
-            # Length of one UV unit: a particle's model unit times the mean of its scales.
+            # Length of one UV unit: the model's unit times the mean of its scales along the axes.
             unit_m=np.linalg.norm(pose[:, :3, :3], axis=1).mean(axis=1)[:, None],
             # Use the depth of the path's middle, not the model's: a texture must not slide over its model.
             depth_m=slots.depth_m[slot],
@@ -142,7 +142,7 @@ class SceneSequence:
         )
 
     def _resting(self) -> dict[int, Floats]:
-        """Lower the models of some slots onto the surfaces below them; return their poses (4, 4) by slot."""
+        """Choose slots, and lower their models onto the surfaces below; return the poses (4, 4) by slot."""
         static, slots, models = self.static, self.slots, self.sampler.models
         chance = self._generator(Purpose.RESTING).random(len(slots))
         chosen = np.flatnonzero(chance < self.sampler.config.particles.resting)
@@ -164,7 +164,7 @@ class SceneSequence:
         return resting
 
     def _models(self, generation: Ints, slot: Ints) -> Ints:
-        """Return the index into the sampler's models, (N,), that each of N slots shows in its generation."""
+        """Return, for N slots and generations, the index of the model into the sampler's models: (N,)."""
         sampler, chance = self.sampler, self._per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
         return len(SURFACE_MODELS) + sampler.library.drawn[choose(sampler.chances, chance)]
 
@@ -172,17 +172,17 @@ class SceneSequence:
         redone = (_REDONE, self.attempt) if self.attempt else ()
         return generator(self.sampler.seed, purpose, self.number, *numbers, *redone)
 
-    def _released(self, purpose: Purpose, generation: int) -> np.random.Generator:
-        """Return one generation's generator; key 0 of PARTICLES and TEXTURE is for what all frames share."""
+    def _of_generation(self, purpose: Purpose, generation: int) -> np.random.Generator:
+        """Return the generator of one generation; key 0 of PARTICLES and TEXTURE is for what all frames share."""
         key = generation if generation >= 0 else _BEFORE - generation
         return self._generator(purpose, key + (purpose is not Purpose.SHAPE))
 
     def _per_slot(self, purpose: Purpose, generation: Ints, slot: Ints, width: int) -> Floats:
-        """Return uniform random numbers (N, width) for slots and generations, (N,) each, whatever other slots exist."""
+        """Return uniform random numbers (N, width) for N slots and generations; they do not depend on other slots."""
         result = np.empty((len(slot), width))
         for number in np.unique(generation):
             rows = generation == number
-            rng = self._released(purpose, int(number))
+            rng = self._of_generation(purpose, int(number))
             result[rows] = rng.random((int(slot[rows].max()) + 1, width))[slot[rows]]
         return result
 
@@ -208,15 +208,15 @@ class SampledScene:
         return self.sequence.static.rig.views
 
     def seen_by(self, view: int) -> "SampledScene":
-        """Return the same scene with the camera of another right view."""
+        """Return the same scene with the camera of the right view ``view``."""
         return replace(self, scene=replace(self.scene, camera=self.views[view]), view=view)
 
     def motion(self, frames: int) -> Motion:
-        """Return the motion of the instances to the frame that is ``frames`` later, inside the sequence or not."""
+        """Return the motion of the instances to the frame ``frames`` later, which may lie outside the sequence."""
         target = self.sequence.sample(self.frame + frames, self.view)
         static = len(self.sequence.static.instances)
         now, then = self.instances[static:], target.instances[static:]
-        # A slot shows one model at a time.
+        # A slot shows one model at a time; a model is gone if its slot shows a different generation then.
         row_of_slot = np.full(len(self.sequence.slots), -1)
         row_of_slot[then["slot"]] = np.arange(len(then))
         row = row_of_slot[now["slot"]]
@@ -226,12 +226,12 @@ class SampledScene:
         return Motion(target.scene, self._moved(target.frame), instance)
 
     def moment(self, frames: float) -> Scene:
-        """Return the scene with the same instances, posed ``frames`` frame times later, which may be a fraction."""
+        """Return the scene with the same instances, posed ``frames`` later; a fraction of a frame is possible."""
         pose = self.sequence.camera_from_world(self.frame + frames)
         return replace(self.scene, camera_from_world=pose, world_from_model=self._moved(self.frame + frames))
 
     def _moved(self, frame: float) -> Floats:
-        """Return the poses (N, 4, 4) of the instances at another frame, in which they need not be visible."""
+        """Return the poses (N, 4, 4) of these instances at any frame, even one in which they are not visible."""
         moved, falling = self.instances["pose"].copy(), self.instances["slot"] >= 0
         slots, generation = self.instances["slot"][falling], np.zeros(len(self.sequence.slots), np.int64)
         generation[slots] = self.instances["generation"][falling]

@@ -1,4 +1,4 @@
-"""The scene of one pair, as arrays for the renderer, and its motion to another moment."""
+"""The scene of one pair, as arrays for the renderer, and its motion to a different moment."""
 
 from dataclasses import dataclass, field, replace
 from types import EllipsisType
@@ -12,23 +12,23 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.arguments import LEAST, MOST, check_magnitudes, to_array, to_real
 from semisynth_gl.inputs.errors import InputError
 
-# Smallest depth of a point for a deviating right camera, in units of its depth for the left one, in a view that is no
-# wider than deep.
+# A point's depth in a deviating right camera is at least this share of its depth in the left camera, if the view is at
+# most as wide as it is deep.
 _DEVIATING_NEAR = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projector:
-    """A projector of a pattern, whose pixels are square and whose axis goes through the pattern's middle.
+    """A projector of a pattern. Its pixels are square, and its axis goes through the pattern's middle.
 
-    A surface's colour is multiplied by ``ambient`` plus, where the projector reaches it, ``power`` times the pattern
-    times the cosine of incidence over the square of the distance in metres.
+    A surface's colour is multiplied by  ambient + power * pattern * cos(incidence) / (distance in metres)^2.  The
+    second term is 0 where the projector does not reach the surface.
 
     Attributes:
-        projector_from_camera: (4, 4) float64, rigid, from the left camera's frame; x right, y down, z forward.
+        projector_from_camera: (4, 4) float64, rigid, from the left camera's frame; x right, y down, z forward in both.
         focal_px: focal length, pixels of the pattern.
-        power: light of the brightest pixel on a surface at 1 m that faces the projector, 0 or more.
-        ambient: all other light, 0 or more.
+        power: light of the brightest pixel on a surface that faces the projector at 1 m, 0 or more.
+        ambient: all light that does not come from the projector, 0 or more.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -60,9 +60,9 @@ class Projector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A camera and N instances of models, each wearing one layer of the patch atlas.
+    """A camera and N instances of models, each textured with one layer of the patch atlas.
 
-    Numbers may be up to 1e9 in magnitude: poses are composed in float64, but drawn in float32.
+    Numbers may be up to 1e9 in magnitude: poses are composed in float64, but rendered in float32.
 
     Attributes:
         camera: the stereo camera.
@@ -75,9 +75,9 @@ class Scene:
         uv_scale: (N, 2) float64, patches per unit of the model's UV.
         uv_offset: (N, 2) float64, patches; patch coordinate = uv * uv_scale + uv_offset.
         sky: (N,) bool, whether each instance is infinitely far away; by default none is. Both eyes see such an instance
-            behind all others, in the directions in which it stands from the world's origin, and it keeps these
-            directions as the cameras turn.
-        projector: the projector that lights the scene; with None, colours stay the patches' own.
+            behind all others, in the same directions as from the world's origin. The position of the cameras does not
+            change these directions.
+        projector: the projector that lights the scene; with None, colours are those of the patches.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -115,7 +115,7 @@ class Scene:
     def near_of(self, eye: Eye) -> float:
         """Return the depth of one eye's near plane.
 
-        The plane of a deviating right camera is nearer, so that it cuts off nothing that the left camera shows.
+        A deviating right camera has a nearer plane, so that the plane cuts off nothing that the left camera shows.
         """
         return self.near_m if eye == "left" or self.camera.rectified else self.near_m * _DEVIATING_NEAR
 
@@ -124,28 +124,28 @@ class Scene:
         pose: NDArray[np.float64] = self.camera_from_world @ self.world_from_model[which]
         sky = self.sky[which]
         if sky.any():
-            # The camera's position makes no difference to infinitely distant instances.
+            # The camera's position does not matter to infinitely distant instances.
             turned = (self.camera_from_world[:3, :3] @ self.world_from_model[which][..., :3, 3:])[..., 0]
             pose[..., :3, 3] = np.where(sky[..., None], turned, pose[..., :3, 3])
         return pose
 
     def offset_m(self, eye: Eye, which: int | EllipsisType = ...) -> NDArray[np.float64]:
-        """Return how far an eye is to the right of the left eye: for all instances, (N,), or for one, ().
+        """Return how far an eye is to the right of the left eye, metres; 0 for instances of the sky.
 
-        It is 0 for the sky.
+        The result is (N,) for all instances, or () for one.
         """
         return np.where(self.sky[which], 0.0, self.camera.offset_m(eye))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """The motion of a scene's N instances to another moment.
+    """The motion of a scene's N instances to a target moment.
 
     Attributes:
-        scene: the scene at the other moment; it has the same camera.
-        world_from_model: (N, 4, 4) float64, poses of this scene's instances at the other moment, even if they are not
-            drawn then.
-        instance: (N,) int64, index of each instance in the other ``scene``; -1 for an instance that is not drawn then.
+        scene: the scene at the target moment; it has the same camera.
+        world_from_model: (N, 4, 4) float64, poses of the N instances at the target moment, even of instances that are
+            not rendered then.
+        instance: (N,) int64, index of each instance in ``scene``; -1 for an instance that is not rendered then.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -166,7 +166,7 @@ class Motion:
         check_magnitudes("motion: world_from_model", self.world_from_model)
 
     def seen_by(self, camera: StereoCamera) -> "Motion":
-        """Return the same motion before another camera."""
+        """Return the same motion with a different camera."""
         return replace(self, scene=replace(self.scene, camera=camera))
 
 
@@ -176,12 +176,12 @@ def placed_vertices(mesh: Mesh, target_from_model: NDArray[np.float64]) -> NDArr
 
 
 def move(scene: Scene, *, world_from_model: object = None, camera_from_world: object = None) -> Motion:
-    """Return the motion of a hand-made scene to another moment, at which every instance is drawn, too.
+    """Return the motion of a hand-made scene to a target moment, at which all its instances are rendered, too.
 
     Args:
         scene: the scene.
-        world_from_model: (N, 4, 4) array-like, the instances' poses at the other moment; by default they stay.
-        camera_from_world: (4, 4) array-like, the left camera's pose at the other moment; by default it stays.
+        world_from_model: (N, 4, 4) array-like, the instances' poses at the target moment; by default they stay.
+        camera_from_world: (4, 4) array-like, the left camera's pose at the target moment; by default it stays.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -208,10 +208,10 @@ def make_scene(
     sky: object = False,
     projector: Projector | None = None,
 ) -> Scene:
-    """Build a `Scene` of N instances from array-likes; the arguments are its attributes.
+    """Make a `Scene` of N instances from array-likes; the arguments are its attributes.
 
-    ``uv_scale``, ``uv_offset`` and ``sky`` may be the same for all instances: (2,), or a single bool. By default the
-    left camera's pose is the identity.
+    One value for all instances is enough for ``uv_scale`` and ``uv_offset``, (2,), and for ``sky``, a single bool. By
+    default the left camera's pose is the identity.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -235,7 +235,7 @@ def make_scene(
 
 
 def _for_each(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Repeat what is the same for all instances; an array that does not fit is left to `Scene` to refuse."""
+    """Repeat a value that all instances share; return an array of a wrong shape unchanged, for `Scene` to refuse."""
     try:
         return np.broadcast_to(array, shape)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The sources of a split's pairs: the patch atlas, the model library, and a projector's pattern."""
+"""Prepares the sources of a split's pairs: the patch atlas, the model libraries, and a projector's pattern."""
 
 import json
 from dataclasses import dataclass, replace
@@ -19,8 +19,8 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
 
-# Steps to which values are rounded before they are hashed: lengths (in radii of a model), shares and heights; and means
-# of pixels (in levels).
+# Before values are hashed, they are rounded to these steps: _LENGTH for lengths (in radii of a model), shares and
+# heights; _LEVELS for means of pixels (in levels).
 _LENGTH = 1e-5
 _LEVELS = 0.5
 
@@ -29,11 +29,11 @@ _LEVELS = 0.5
 class Sources:
     """The patches and the models of a split's pairs, and a projector's pattern."""
 
-    atlas: Atlas  # as the config's cameras see it: in grey where they are monochrome
+    atlas: Atlas  # in grey if the config's cameras are monochrome
     libraries: tuple[ModelLibrary, ...]  # the models of each recipe, all with the same `models`; at least one
     photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty where all patches are procedural
     pattern: NDArray[np.uint8] | None = None  # (H, W), of the projector
-    pattern_is_read: bool = False  # from a file, which needs a checksum; a painted pattern follows from the config
+    pattern_is_read: bool = False  # whether the pattern comes from a file; a painted pattern needs no checksum
 
     @property
     def models(self) -> tuple[Mesh, ...]:
@@ -52,11 +52,10 @@ class Sources:
         return replace(self, atlas=replace(atlas, layers=empty, large_layers=large))
 
     def digests(self) -> dict[str, str]:
-        """Return the checksums "patches" and "models", and that of a "pattern" from a file, hexadecimal.
+        """Return the checksums "patches" and "models", and "pattern" if the pattern comes from a file, hexadecimal.
 
-        Processors differ in the last bits of sines and of matrix products, but the checksums do not: lengths are
-        rounded to 1e-5 of a model's radius, and pixels enter as means over sixteenths of a patch, rounded to half
-        levels.
+        Processors differ in the last bits of sines and of matrix products. Rounding makes the checksums equal: lengths
+        are rounded to 1e-5 of a model's radius, and the means of pixels over sixteenths of a patch to half levels.
         """
         patches = models = 0
         for patch in self.atlas.patches:
@@ -83,13 +82,13 @@ class Sources:
 def _rounded(values: NDArray[Any], step: float) -> Ints:
     """Round values to whole steps, so that values that differ only in their last bits become equal.
 
-    Zero and round numbers are frequent, so they are shifted well inside a step, where no last bit matters.
+    Zero and round numbers are frequent. The shift keeps them far from the limits of a step, where last bits matter.
     """
     return np.floor(np.ascontiguousarray(values, np.float64) / step + 0.317).astype(np.int64)
 
 
 def _means(layers: NDArray[np.uint8]) -> Floats:
-    """Return the mean of each component over 4 x 4 parts of each layer, by every eighth row: (L, 4, 4[, C])."""
+    """Return the mean of each component over 4 x 4 parts of each layer, from every eighth row: (L, 4, 4[, C])."""
     some = layers[:, ::8]
     rows, columns = (np.unique(np.arange(4) * extent // 4) for extent in some.shape[1:3])
     sums = np.add.reduceat(np.add.reduceat(some, rows, axis=1, dtype=np.uint32), columns, axis=2)
@@ -99,15 +98,15 @@ def _means(layers: NDArray[np.uint8]) -> Floats:
 
 
 def prepare_sources(config: Config, split: Split) -> Sources:
-    """Cut the patches and build the models of a split, or take them from the cache.
+    """Cut the patches and build the models of a split, or load them from the cache.
 
     Raises:
-        InputError: where a projector's pattern, images or models cannot be used, or images or models are too few for
-            the splits.
+        InputError: where a projector's pattern, images or models cannot be used, or there are too few images or models
+            for the splits.
     """
     projector = config.projector
     pattern = None if projector is None else find_pattern(projector)
-    # Photographs come before models: missing ones are noticed at once, while models take seconds to build.
+    # Look for photographs before models, which take seconds to build: so missing photographs are reported at once.
     photographs = split_images(config.textures, split)
     libraries = recipe_libraries(config, split)
     atlas = prepare_atlas(config.textures, split, photographs)

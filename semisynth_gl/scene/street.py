@@ -1,4 +1,4 @@
-"""A street: an open scene with ground to the horizon, a road with kerbs, houses, vehicles, trees, fences and people."""
+"""Samples a street: a ground to the horizon, a road with kerbs, houses, vehicles, trees, fences and people."""
 
 from typing import Final
 
@@ -7,8 +7,8 @@ import numpy as np
 from semisynth_gl.config import Config, Range
 from semisynth_gl.config.scene_sections import StreetSection
 from semisynth_gl.geometry.mesh import cross
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Diameters, camera_over_floor
 from semisynth_gl.scene.background import FACE, GROUND, lay_ground, sample_plane
+from semisynth_gl.scene.floor_scene import Catalogue, Diameters, FloorSceneBuilder, camera_over_floor
 from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.view_volume import smallest_offsets
 
@@ -23,12 +23,12 @@ _LOW: Final[Diameters] = {
 }  # fmt: skip
 _FENCES: Final[Diameters] = {"fence": (2.2, 3.0)}
 
-# Smallest depth of the backdrop in a street of true size; where it is nearer, everything is scaled down.
+# Minimum depth of the backdrop in a street of true size; with a nearer backdrop, the whole street is scaled down.
 _TRUE_REACH_M = 25.0
-# Largest distance of things, and height of kerbs, in metres of the street.
+# Maximum distance of things, and height of kerbs, in metres of the street.
 _FARTHEST = 90.0
 _KERB = 0.14
-# Number of positions that are tried for a thing.
+# Number of positions to try for a thing.
 _TRIES = 6
 
 _Span = tuple[float, float]
@@ -37,11 +37,10 @@ _Span = tuple[float, float]
 
 def sample_street(
     config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.random.Generator, *, sky: bool = False
-) -> Arrangement:
-    """Sample a street; nothing comes nearer than the near plane.
+) -> FloorSceneBuilder:
+    """Sample a street, all of it beyond the near plane.
 
-    The first thing of the arrangement is the backdrop: a far plane or, with ``sky``, the sky. Errors are those of
-    `sample_plane`.
+    The first thing is the backdrop: a far plane or, with ``sky``, the sky. Raises InputError as `sample_plane` does.
     """
     section, near_m = config.street, rig.near_m
     [backdrop] = sample_plane(config, rig, rng, sky=sky)
@@ -52,10 +51,10 @@ def sample_street(
     down = -camera_over_floor(height, yaw, pitch, roll)[:3, 2]
     height = max(height, float(smallest_offsets(rig, down[None])[0]))
     camera_from_floor = camera_over_floor(height, yaw, pitch, roll)
-    street = Arrangement(rig, camera_from_floor, catalogue, metre, rng)
+    street = FloorSceneBuilder(rig, camera_from_floor, catalogue, metre, rng)
     pose = np.linalg.inv(camera_from_floor) @ backdrop["pose"]
     street.add(catalogue.number(FACE), pose, backdrop["unit_m"])
-    # Lay the ground along the direction in which the camera looks.
+    # The ground extends along the camera's viewing direction.
     ahead = camera_from_floor[2, :3] * (1, 1, 0)
     along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))
     across = cross(along, camera_from_floor[:3, 2])
@@ -83,8 +82,8 @@ def sample_street(
     return street
 
 
-def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahead_m: _Span) -> None:
-    """Add a raised pavement in slabs that get longer with distance; slabs that are too near are left out."""
+def _add_pavement(street: FloorSceneBuilder, kerb: float, side: int, width: float, ahead_m: _Span) -> None:
+    """Add a raised pavement in slabs that are longer with distance; slabs too near to the camera are not added."""
     (near_m, reach), metre = ahead_m, street.metre
     begin, first = 0.3 * near_m, None
     while begin < reach:
@@ -98,8 +97,8 @@ def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahe
         begin = end
 
 
-def _add_row(street: Arrangement, section: StreetSection, border: float, side: int, ahead_m: _Span) -> None:
-    """Add a row of houses, fences and gaps along one side of the road; ``side`` is -1 for the left, 1 for the right."""
+def _add_row(street: FloorSceneBuilder, section: StreetSection, border: float, side: int, ahead_m: _Span) -> None:
+    """Add houses, fences and gaps along one side of the road; ``side`` is -1 for the left, 1 for the right."""
     metre, rng = street.metre, street.rng
     y = rng.uniform(0.2, 1.5) * ahead_m[0]
     while y < ahead_m[1]:
@@ -108,7 +107,7 @@ def _add_row(street: Arrangement, section: StreetSection, border: float, side: i
             back = rng.uniform(0.1, 3) * metre
             long, high = rng.uniform(6, 16) * metre, rng.uniform(3, 12) * metre
             picked = street.pick(_HOUSES)
-            facing = -side * np.pi / 2  # the front, -y, turns to the road
+            facing = -side * np.pi / 2  # turns the front, -y, to the road
             if picked is not None and rng.random() < 0.7:
                 wide, deep, _ = street.extent_m(picked)
                 street.stand(picked, (border + side * (back + deep / 2), y + wide / 2, 0), facing)
@@ -130,10 +129,10 @@ def _add_row(street: Arrangement, section: StreetSection, border: float, side: i
             y += rng.uniform(3, 12) * metre
 
 
-def _stand(street: Arrangement, sizes_m: Diameters, x_m: _Span, y_m: _Span, yaw_rad: float | None = None) -> None:
+def _stand(street: FloorSceneBuilder, sizes_m: Diameters, x_m: _Span, y_m: _Span, yaw_rad: float | None = None) -> None:
     """Stand a thing where the floor is free; by default its yaw is random.
 
-    Positions are uniform in the logarithm of their distance.
+    Positions are uniform in the logarithm of the distance.
     """
     picked, rng = street.pick(sizes_m), street.rng
     if picked is None:

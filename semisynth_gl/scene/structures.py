@@ -1,4 +1,4 @@
-"""The static scene of a sequence: its rig, and its background with structures (ground, panels) or furniture."""
+"""Samples the static scene of a sequence: its rig, and its background with structures (ground, panels) or furniture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.background import FACE, GROUND, Kind, lay_ground, sample_cuboid, sample_kind, sample_plane
-from semisynth_gl.scene.glance import GRID, measure
+from semisynth_gl.scene.floor_scene import Catalogue
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
+from semisynth_gl.scene.left_view import GRID, measure
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig, check_reachable, sample_rig
 from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
 from semisynth_gl.scene.scene import placed_vertices
@@ -26,7 +26,7 @@ _HALF_ARC_RAD = np.pi / 3
 
 
 def _curved_panel() -> Mesh:
-    """Build a third of a cylinder over the unit square about the origin, its middle towards -z; u is along the arc."""
+    """Make a third of a cylinder over the unit square about the origin; it bulges to -z, and u is along the arc."""
     u, v, triangles = mesh_grid(_ARC_ROWS, _ARC_COLUMNS)
     radius = 0.5 / np.sin(_HALF_ARC_RAD)
     angle = (2 * u - 1) * _HALF_ARC_RAD
@@ -36,25 +36,25 @@ def _curved_panel() -> Mesh:
 
 
 CURVED_PANEL = _curved_panel()
-# The models of walls, grounds and panels, in the order to which scenes refer. Flat panels are faces, too.
+# The models of walls, grounds and panels; scenes refer to them in this order. A flat panel is a `FACE`.
 SURFACE_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
 _FACE, _GROUND, _CURVED = range(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticScene:
-    """What all frames of a sequence share except the particles: the rig, and the instances that never move."""
+    """The part of a scene that all frames of a sequence share: the rig, and all instances except the particles."""
 
     rig: SequenceRig
     background: Kind
-    instances: Instances  # background, structures and furniture; the background or a street's backdrop come first
-    bare_px: Floats  # (R,) disparities on a coarse grid over the left view
-    up: Floats  # (3,) unit, the direction upwards in the left camera's frame
-    farthest_m: float  # depth that no view of a room exceeds; inf for other backgrounds
+    instances: Instances  # background (for a street, the backdrop), then structures or furniture
+    bare_px: Floats  # (R,) disparities of the left view, on the coarse grid of `grid_px`
+    up: Floats  # (3,) unit vector upwards, in the left camera's frame
+    farthest_m: float  # maximum depth in the views of a room; inf for other backgrounds
 
 
-def take_stock(library: ModelLibrary) -> Catalogue:
-    """Return the catalogue of the surface models and a library's models, of which static instances are made."""
+def make_catalogue(library: ModelLibrary) -> Catalogue:
+    """Return the catalogue of the surface models and a library's models."""
     chosen = library.drawn[library.chances > 0]
     names = np.array([library.models[number].name for number in chosen])
     by_name = {str(name): len(SURFACE_MODELS) + chosen[names == name] for name in np.unique(names)}
@@ -72,7 +72,7 @@ def sample_static_scene(
     """Sample the static scene of one sequence.
 
     ``generator_for`` returns the generator for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY. Raises InputError
-    where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
+    where disparity + doffs is not positive for a disparity of the config, or the sway would need an infinite plane.
     """
     rig = sample_rig(config, generator_for)
     camera, near_m, rng = rig.camera, rig.near_m, generator_for(Purpose.BACKGROUND)
@@ -94,24 +94,24 @@ def sample_static_scene(
     else:
         background, seen_m = sample_cuboid(config, rig, rng)
     bare_px = camera.disparity_px(seen_m)
-    # Before a sky, the ground ends at the plane's depth.
+    # If the plane is a sky, the ground ends at the plane's ``depth_m``.
     far_m = float(background["depth_m"][0] if sky else camera.depth_m(bare_px.min()))
     structures = sample_structures(config, rig, far_m, generator_for(Purpose.STRUCTURES))
     table = np.concatenate([background, structures], dtype=INSTANCE)
     table["texture"] = np.arange(len(table))
-    # The background keeps the depths it has (``fixed``). Its walls may stand exactly at the distance that `BEYOND_NEAR`
-    # gives, so the near plane is taken a little nearer.
+    # The background keeps its depths (``fixed``). Walls may stand exactly at BEYOND_NEAR times the near plane's depth,
+    # so the hits are found with a slightly nearer plane.
     seen_px = measure(table, camera, near_m / BEYOND_NEAR, catalogue.models, fixed=len(background))
     bare_px = seen_px if len(structures) else bare_px
     return StaticScene(rig, kind, table, bare_px, np.array([0.0, -1.0, 0.0]), np.inf)
 
 
 def sample_structures(config: Config, rig: SequenceRig, far_m: float, rng: np.random.Generator) -> Instances:
-    """Sample the structures in front of a background, which ends at a depth; each has the depth of its nearest vertex.
+    """Sample the structures in front of a background of depth ``far_m``; ``depth_m`` is that of the nearest vertex.
 
-    No structure comes nearer than the near plane in either view. Where the camera sways, only the ground keeps this
-    distance, and the near plane cuts off panels that come too near. Raises InputError where ``ground_disparity_px`` or
-    ``panel_disparity_px`` lies beyond infinity.
+    All structures are beyond the near plane in both views. If the camera sways, this holds only for the ground, and the
+    near plane cuts off panels that come too near. Raises InputError where ``ground_disparity_px`` + doffs or
+    ``panel_disparity_px`` + doffs is not positive.
     """
     section, sampled = config.structures, list[tuple[int, Floats]]()
     if rng.random() < section.ground:
@@ -121,7 +121,7 @@ def sample_structures(config: Config, rig: SequenceRig, far_m: float, rng: np.ra
     for row, (model, pose) in zip(table, sampled, strict=True):
         nearest_m = (SURFACE_MODELS[model].positions.astype(np.float64) @ pose[2, :3] + pose[2, 3]).min()
         row["model"], row["pose"], row["depth_m"] = model, pose, max(float(nearest_m), rig.near_m)
-        # The UV of a ground goes along its x and z.
+        # The UV of a ground runs along the model's x and z, other UV along x and y.
         row["unit_m"] = np.linalg.norm(pose[:3, [0, 2 if model == _GROUND else 1]], axis=0)
     return table
 
@@ -143,11 +143,11 @@ def _sample_ground(config: Config, rig: SequenceRig, far_m: float, rng: np.rando
 
 
 def _farther_half(config: Config, camera: StereoCamera) -> Range:
-    """Return the disparities of the farther half of the config's range, where the halves have equal ratios."""
+    """Return the farther half of the config's range of disparities; max / min is the same in both halves."""
     disparity = config.disparity
     if not disparity.signed:
         return Range(disparity.min_px, (disparity.min_px * disparity.max_px) ** 0.5)
-    # Here the halves have equal ratios of depths, since disparities may lie on both sides of 0.
+    # Disparities may lie on both sides of 0, so split the range where both halves have the same ratio of depths.
     nearness = (disparity.min_px + camera.doffs_px) * (disparity.max_px + camera.doffs_px)
     return Range(disparity.min_px, max(disparity.min_px, nearness**0.5 - camera.doffs_px))
 
@@ -171,7 +171,7 @@ def _sample_panel(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     matrix = np.eye(4)
     matrix[:3, 0], matrix[:3, 1] = first * size[0], cross(normal, first) * size[1]
     matrix[:3, 2] = normal * size.mean() * (1 if facing else -1)
-    # The origin of a face is its corner, and that of a curved panel is its middle.
+    # The origin of a face is its corner; the origin of a curved panel is its middle.
     begin = np.zeros(3) if curved else -(matrix[:3, 0] + matrix[:3, 1]) / 2
     matrix[:3, 3] = begin
     nearest = float(placed_vertices(SURFACE_MODELS[number], matrix)[:, 2].min())

@@ -1,4 +1,4 @@
-"""The space that the two views show at any moment of the sway: how near walls may come in it, and how deep they are."""
+"""The space that both views show at any moment of the sway: how near walls may stand, and how deep views see."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -12,27 +12,27 @@ from semisynth_gl.scene import Floats
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 
 WIDEST_RAD = np.deg2rad(85).item()
-"""Largest angle of a ray to the optical axis at any moment of the sway; wider views are treated as unbounded."""
+"""Maximum angle of a ray to the optical axis at any moment of the sway; wider views are treated as unbounded."""
 
-# Largest number of times that a box is made smaller.
+# Maximum number of times that a box is made smaller.
 _FITS = 16
-# Smallest cosine of the sway's angle that is divided by.
+# Cosines of the sway's angle are raised to this value before division by them.
 _LEAST_COSINE = 1e-3
-# Shares of its angles by which a box is turned, tried until no corner is too deep; unturned, it shows a wall ahead.
+# Shares of a box's angles, tried in this order until no corner is too deep. An unturned box has a wall straight ahead.
 _TURNED_BACK = (1.0, 0.5, 0.25, 0.0)
-# Share by which walls that are brought in stay short of the farthest depth.
+# Walls that are brought in stay short of the farthest depth by this share.
 _ROUNDING = 1e-9
 
 
 def corner_rays(camera: StereoCamera, *eyes: Eye) -> Floats:
-    """Return rays (R, 3) through the corners of the views of ``eyes``, by default of both; see `_corner_rays`."""
+    """Return rays (R, 3) through the corners of the views of ``eyes``, by default both; see `_corner_rays`."""
     return np.concatenate([rays for eye, rays in _corner_rays(camera) if not eyes or eye in eyes])
 
 
 def _corner_rays(camera: StereoCamera) -> Iterator[tuple[Eye, Floats]]:
-    """Yield each view's eye, and rays (4, 3) through its corners in order around the border.
+    """Yield each view's eye, and rays (4, 3) through the view's corners in order around the border.
 
-    Where the right camera deviates, the views of its rectified twin are included: the scene may be shown by both pairs.
+    If the right camera deviates, the views of its rectified twin are included, since both pairs may show the scene.
     """
     x, y = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]).T * [[camera.width_px], [camera.height_px]] - 0.5
     twins = (camera,) if camera.rectified else (camera, replace(camera, deviation=RECTIFIED))
@@ -44,9 +44,9 @@ def _corner_rays(camera: StereoCamera) -> Iterator[tuple[Eye, Floats]]:
 def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
     """Return the smallest distances of walls at which both cameras are inside and all pixels are beyond the near plane.
 
-    Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray), and
-    normal . ray is linear over the image: its largest value is at a corner. A sway moves the eyes by at most its reach,
-    and the right eye by 2 B sin(angle / 2) more; and it turns a ray by at most its angle towards the normal.
+    Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray). Since
+    normal . ray is linear over the image, its largest value is at a corner. A sway moves the eyes by at most its reach,
+    and the right eye by 2 B sin(angle / 2) more. It turns a ray by at most its angle towards the normal.
 
     ``normal`` (F, 3) has the walls' unit normals, away from the camera. Distances (F,) are from the left camera's
     centre, metres.
@@ -67,22 +67,22 @@ def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
 
 
 def deepest_m(rig: SequenceRig, faces: Floats) -> float:
-    """Return the largest planar depth at which either view shows flat faces at any moment of the sway; 0 for none.
+    """Return the maximum planar depth of flat faces in both views at any moment of the sway; 0 if no view has a face.
 
-    Faces count even if others hide them. They are convex; ``faces`` (F, 4, 3) has their corners in order around the
-    border, in the left camera's frame without its sway.
+    Hidden faces are included. Faces are convex. ``faces`` (F, 4, 3) has their corners in order around the border, in
+    the left camera's frame without its sway.
     """
     camera, sway, largest = rig.camera, rig.sway, 0.0
     for eye, rays in _corner_rays(camera):
         inwards = _inwards(rays, sway.angle_rad)
-        # Smallest normal . p of the points on the inner side of each side of the view.
+        # Points p of the view have at least this normal . p for each of the view's sides.
         least = inwards[:, 0] * camera.offset_m(eye) - _reach_m(rig, eye)
         for face in faces:
             part = face
             for normal, offset in zip(inwards, least, strict=True):
                 part = _clipped(part, normal, float(offset))
             if len(part):
-                # The optical axis may turn towards a point at the side. The depth is convex, so a corner is deepest.
+                # The optical axis may turn towards a point at the side. The depth is convex: a corner is deepest.
                 aside = np.linalg.norm(part[:, :2], axis=1)
                 depth_m = part[:, 2] + aside * np.sin(sway.angle_rad) + sway.reach_m
                 largest = max(largest, float(depth_m.max()))
@@ -96,10 +96,10 @@ def fit_box(
     farthest_m: float,
     movable: int = 6,
 ) -> tuple[float, Floats]:
-    """Turn a box around the cameras and move its walls, until no view sees deeper than ``farthest_m`` if possible.
+    """Turn a box around the cameras and move its walls so that, if possible, no view sees deeper than ``farthest_m``.
 
-    Walls are in the order of the axes, each followed by its opposite. They are moved out to their smallest distances;
-    then the first ``movable`` ones are brought in.
+    Walls are in the order of the axes, each followed by the opposite wall. First, walls that are too near are moved out
+    to their smallest distances. Then the first ``movable`` walls are brought in.
 
     ``axes`` returns the box's axes as columns (3, 3) for a share of its angles. ``offsets_m`` returns the walls'
     distances (6,) for their outward normals (6, 3) and smallest distances (6,).
@@ -121,7 +121,7 @@ def fit_box(
 
 
 def _box_faces(normal: Floats, offset_m: Floats) -> Floats:
-    """Return the corners (6, 4, 3) of the faces of a box around the left camera, in order around each face."""
+    """Return the corners (6, 4, 3) of the faces of a box around the left camera, in order around the faces."""
     walls, faces = normal * offset_m[:, None], []
     for wall in range(6):
         a, b = (2 * axis for axis in range(3) if axis != wall // 2)
@@ -132,34 +132,34 @@ def _box_faces(normal: Floats, offset_m: Floats) -> Floats:
 def clear_depth_m(rig: SequenceRig, radius_m: Floats | float, aside_m: Floats | float) -> Floats:
     """Return the smallest depth of a sphere's centre at which the sphere stays beyond the near plane at any moment.
 
-    ``aside_m`` is the centre's largest distance from the optical axis of the camera without its sway: a sphere at the
-    side comes nearer where the camera turns away from it.
+    ``aside_m`` is the centre's largest distance from the optical axis of the camera without its sway. If the camera
+    turns away from a sphere at the side, the sphere's depth falls.
     """
     sine, cosine = np.sin(rig.sway.angle_rad), max(float(np.cos(rig.sway.angle_rad)), _LEAST_COSINE)
     return np.asarray((rig.near_m + radius_m + rig.sway.reach_m + aside_m * sine) / cosine)
 
 
-class Height(NamedTuple):
-    """The upper and the lower end of what both views show, at any moment of the sway."""
+class VerticalExtent(NamedTuple):
+    """The upper and lower limits of the space that both views show at any moment of the sway."""
 
     top: float  # y / z of the highest rays; y points down
     bottom: float  # y / z of the lowest rays
-    secants: tuple[float, float]  # 1 / cos of the angles of the highest and of the lowest rays, seen from the side
+    secants: tuple[float, float]  # 1 / cos of the angles of the highest and the lowest rays, seen from the side
     reach_m: float  # largest distance by which the sway moves an eye
 
 
-def height_of_view(rig: SequenceRig) -> Height:
-    """Return the upper and the lower end of what both views show, at any moment of the sway."""
+def vertical_extent(rig: SequenceRig) -> VerticalExtent:
+    """Return the upper and lower limits of the space that both views show at any moment of the sway."""
     rays, sway = corner_rays(rig.camera), rig.sway
     angles = np.arctan2(rays[:, 1], rays[:, 2])
     low, high = float(angles.min()), float(angles.max())
     if sway.angle_rad > 0:
-        # As in `_inwards`, but angles that no image reaches are clipped.
+        # As in `_inwards`, but angles beyond those of any image are clipped.
         nearest = float((rays[:, 2] / np.linalg.norm(rays, axis=1)).min())
         turned = [np.arcsin(min(np.sin(sway.angle_rad) * np.cos(end) / nearest, 1.0)) for end in (low, high)]
         low, high = np.clip((low - turned[0], high + turned[1]), -WIDEST_RAD, WIDEST_RAD).tolist()
     top, bottom = float(np.tan(low)), float(np.tan(high))
-    return Height(top, bottom, ((1 + top**2) ** 0.5, (1 + bottom**2) ** 0.5), _reach_m(rig, "right"))
+    return VerticalExtent(top, bottom, ((1 + top**2) ** 0.5, (1 + bottom**2) ** 0.5), _reach_m(rig, "right"))
 
 
 def _reach_m(rig: SequenceRig, eye: Eye) -> float:
@@ -169,7 +169,7 @@ def _reach_m(rig: SequenceRig, eye: Eye) -> float:
 
 
 def _inwards(rays: Floats, angle_rad: float) -> Floats:
-    """Return the inward unit normals (4, 3) of a view's four sides, or (0, 3) where the view is unbounded.
+    """Return the inward unit normals (4, 3) of a view's four sides, or (0, 3) if the view is unbounded.
 
     ``rays`` (4, 3) go through the view's corners; the view turns by up to ``angle_rad`` about any axis.
     """
@@ -178,8 +178,8 @@ def _inwards(rays: Floats, angle_rad: float) -> Floats:
     if angle_rad == 0:
         return normal
     middle, towards = np.array([0, 0, 1.0]), rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    # Each side is turned outwards about its line in the image, until the view's rays lie on its inner side however the
-    # view turns. All rays lie within `widest` of the optical axis.
+    # Turn each side outwards about its line in the image, until all rays of the view lie on its inner side at all turns
+    # of the view. All rays lie within `widest` of the optical axis.
     widest = float(np.arccos(towards[:, 2].min()))
     tilt_rad = np.arccos(np.clip(normal @ middle, -1, 1))
     more = np.sin(angle_rad) * np.sin(tilt_rad) / np.cos(widest)
@@ -202,7 +202,7 @@ def _clipped(polygon: Floats, normal: Floats, least: float) -> Floats:
     following, beyond = (np.concatenate([each[1:], each[:1]]) for each in (polygon, inner))
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = polygon + (inner / (inner - beyond))[:, None] * (following - polygon)
-    # Each corner that stays, followed by the crossing on the side that begins at the corner.
+    # Each inner corner, followed by the crossing on the side that begins at this corner.
     both, kept = np.empty((2 * len(polygon), 3)), np.empty(2 * len(polygon), bool)
     both[::2], both[1::2] = polygon, crossing
     kept[::2], kept[1::2] = inside, inside != (beyond >= 0)

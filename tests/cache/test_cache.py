@@ -20,7 +20,7 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.plugins import modules_sha256
 from semisynth_gl.scene import disparity_solver
 from semisynth_gl.scene.sources import recipe_libraries
-from semisynth_gl.scene.structures import take_stock
+from semisynth_gl.scene.structures import make_catalogue
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
 from semisynth_gl.textures.prepare import prepare_atlas
@@ -124,10 +124,10 @@ def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
     def found(seed=0, **changes):
         config = cheap(background={"cuboid": 0, "room": 1}, **changes)
         (library,) = recipe_libraries(config, Split(0))
-        return disparity_solver.sample_pilots(config, seed, take_stock(library))
+        return disparity_solver.sample_pilots(config, seed, make_catalogue(library))
 
     assert plain(found()) == plain(found())
-    found(textures={"source": "procedural"}, imperfections={"blur_px": 1})  # what surfaces wear moves nothing
+    found(textures={"source": "procedural"}, imperfections={"blur_px": 1})  # textures do not change the pilots
     assert draw.call_count == 3
     for number, changes in enumerate(({"seed": 1}, {"camera": {"baseline_m": 0.5}}, {"models": {"variants": 2}}), 2):
         found(**changes)

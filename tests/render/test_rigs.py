@@ -23,10 +23,10 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
-from semisynth_gl.scene.particles import Slots, sample_release
+from semisynth_gl.scene.particles import ParticleSlots, sample_start
 from semisynth_gl.scene.rig import SequenceRig, near_depth_m, sample_cameras
 from semisynth_gl.scene.sources import prepare_sources
-from semisynth_gl.scene.view_volume import height_of_view
+from semisynth_gl.scene.view_volume import vertical_extent
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
@@ -217,7 +217,7 @@ def test_cameras_that_differ_in_the_left_eye_share_no_view(open_renderer):
     camera = StereoCamera.centred(32, 24, 30.0, 0.1)
     renderer, scene = open_renderer([SQUARE], noise_layers(1, 16)), one_model(camera, [np.eye(4)])
     for changed in ({"focal_px": 31.0}, {"cx_left_px": 3.0}, {"cy_px": 1.0}, {"width_px": 31}):
-        with pytest.raises(InputError, match="differ from the scene's in the right eye alone"):
+        with pytest.raises(InputError, match="differ from the scene's only in the right eye"):
             renderer.render_rig(scene, [camera, replace(camera, **changed)])
     with pytest.raises(InputError, match="expected at least one, got none"):
         renderer.render_rig(scene, [])
@@ -318,8 +318,8 @@ def test_scenes_are_as_many_below_0_as_above():
 def test_particles_come_into_both_views_at_any_disparity():
     camera = StereoCamera.centred(100, 60, 50.0, 0.1, doffs_px=40.0)
     values = (np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 1.0, 0.5, 1.0, 1.0))
-    slots = Slots(*values, height_of_view(SequenceRig((camera,))))
-    start = sample_release(camera, ParticlesSection(), slots, np.random.default_rng(0)).start_px
+    slots = ParticleSlots(*values, vertical_extent(SequenceRig((camera,))))
+    start = sample_start(camera, ParticlesSection(), slots, np.random.default_rng(0)).start_px
     # What the right view shows at its left border is left of the left view where its disparity is negative.
     assert start.min() == pytest.approx(-30 - 5 - 0.5, abs=0.3)
     assert start.max() == pytest.approx(100 + 5 - 0.5, abs=0.3)

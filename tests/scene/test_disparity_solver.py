@@ -23,7 +23,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
 from semisynth_gl.scene.disparity_solver import poisson_counts
-from semisynth_gl.scene.particles import Sizes, expected_cover
+from semisynth_gl.scene.particles import ParticleSizes, expected_cover
 from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
 
@@ -181,12 +181,14 @@ def test_expected_cover_grows_towards_the_sides_of_a_wide_view(fy_over_fx):
     assert area > 1.1 * np.pi * radius_px**2 * fy_over_fx
     # They may be anywhere in both views and just beside them.
     width_px, height_px = 600 + 80 + 2 * radius_px, 400 + 2 * radius_px * fy_over_fx
-    sizes, disparity = Sizes(2 * radius_px, 2 * radius_px), np.array([80.0, -80.0])
+    sizes, disparity = ParticleSizes(2 * radius_px, 2 * radius_px), np.array([80.0, -80.0])
     np.testing.assert_allclose(expected_cover(camera, sizes, disparity, 1.0) * width_px * height_px, area, rtol=0.02)
     # Sizes are even in their logarithm. In a view so long that nothing is stretched, cover is the mean of theirs.
     long, between = replace(camera, focal_px=70_000.0), 40 * 5 ** ((np.arange(500) + 0.5) / 500)
-    single = [expected_cover(long, Sizes(size, size), disparity, 1.0) for size in between]
-    np.testing.assert_allclose(expected_cover(long, Sizes(40.0, 200.0), disparity, 1.0), np.mean(single, 0), rtol=1e-3)
+    single = [expected_cover(long, ParticleSizes(size, size), disparity, 1.0) for size in between]
+    np.testing.assert_allclose(
+        expected_cover(long, ParticleSizes(40.0, 200.0), disparity, 1.0), np.mean(single, 0), rtol=1e-3
+    )
 
 
 def test_particles_show_their_fronts():
@@ -195,7 +197,7 @@ def test_particles_show_their_fronts():
     heights = np.sqrt((np.arange(16) + 0.5) / 16)
     layers = DepthLayers(np.array([80.0]), np.array([80.0]))
     edges = np.array([79.0, 90.0, 100.0])
-    sizes = Sizes(280.0, 280.0)
+    sizes = ParticleSizes(280.0, 280.0)
     found = layers.exceedance(edges, CAMERA, still, sizes, heights, 0.1)[0]
     height = np.sqrt(np.random.default_rng(3).random(100_000))
     shown = 80 / (1 - height * 140 / CAMERA.focal_px)

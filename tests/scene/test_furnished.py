@@ -16,8 +16,8 @@ from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.furnishing import _HANGING
-from semisynth_gl.scene.glance import glance, grid_px
 from semisynth_gl.scene.instances import to_scene
+from semisynth_gl.scene.left_view import grid_px, left_view_hits
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
 from semisynth_gl.scene.scene import make_scene
@@ -122,10 +122,10 @@ def test_the_sides_of_a_box_wear_one_texture_and_are_the_size_that_they_say():
     things = arranged("room", 0)
     # Some walls have their corner behind the camera.
     assert things.table()["depth_m"].min() == things.rig.near_m
-    for worn in (None, 3):
-        first = things.add_box((0, 3, 0), (0.5, 0.2, 1.5), 0.4, worn)
+    for texture in (None, 3):
+        first = things.add_box((0, 3, 0), (0.5, 0.2, 1.5), 0.4, texture)
         sides = things.things[first:]
-        assert [side["texture"] for side in sides] == [first if worn is None else worn] * 5
+        assert [side["texture"] for side in sides] == [first if texture is None else texture] * 5
         for side, corners in zip(sides, corners_of(things)[first:], strict=True):
             mesh = things.catalogue.models[side["model"]]
             in_uv = np.diff(mesh.uv[mesh.triangles].astype(float), axis=1) * side["unit_m"]
@@ -196,16 +196,16 @@ def test_each_key_of_rooms_and_streets_does_what_it_says(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_glance_sees_what_the_ray_caster_sees(kind):
+def test_the_left_view_has_the_hits_of_the_ray_caster(kind):
     static, models = static_scene_of(furnished(KINDS[kind], kind), 3), catalogue().models
     scene = to_scene(static.instances, static.rig.camera, static.rig.near_m)
-    seen, hits = glance(scene, models), cast_rays(scene, models, "left", *grid_px(scene.camera))
+    seen, hits = left_view_hits(scene, models), cast_rays(scene, models, "left", *grid_px(scene.camera))
     np.testing.assert_allclose(seen.depth_m, hits.depth_m, rtol=1e-9)
     assert (seen.instance == hits.instance).mean() > 0.999  # touching surfaces may come out either way
 
 
 @pytest.mark.parametrize("fy_over_fx", [1.0, 1.3])
-def test_a_glance_cuts_triangles_at_the_near_plane(fy_over_fx):
+def test_the_left_view_cuts_triangles_at_the_near_plane(fy_over_fx):
     """Of random triangles around the camera, most reach behind it with one corner or with two."""
     camera = replace(CAMERAS["kitti"][0], fy_over_fx=fy_over_fx)
     corners = np.random.default_rng(2).uniform((-4, -2, -2), (4, 2, 4), (60, 3, 3))
@@ -215,7 +215,7 @@ def test_a_glance_cuts_triangles_at_the_near_plane(fy_over_fx):
     scene = make_scene(camera, model=range(60), world_from_model=same, layer=[0] * 60, near_m=0.5)
     beyond = (corners[..., 2] >= scene.near_m).sum(axis=1)
     assert min((beyond == 1).sum(), (beyond == 2).sum()) > 10
-    seen = glance(scene, triangles)
+    seen = left_view_hits(scene, triangles)
     hits = cast_rays(scene, triangles, "left", *grid_px(camera))
     np.testing.assert_array_equal(seen.instance, hits.instance)
     np.testing.assert_allclose(seen.depth_m, hits.depth_m, rtol=1e-9)

@@ -11,7 +11,7 @@ from samplers import still_rig
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.scene.particles import Batch, particle_poses, sample_release, sample_slots, stated_sizes
+from semisynth_gl.scene.particles import ParticleBatch, particle_poses, sample_slots, sample_start, stated_sizes
 from semisynth_gl.scene.rig import Sway
 
 CAMERA = StereoCamera(600, 400, 700.0, 0.2, 280.0, 320.0, 190.0)
@@ -33,9 +33,9 @@ def rigs(draw):
 
 def slots_of(rig, section, *ranges, count=COUNT, relief_px=np.inf, seed=2):
     """The slots of a number of particles in each range of disparity, and a release for each generation."""
-    batches = [Batch(Range(*ends), count, stated_sizes(section)) for ends in ranges]
+    batches = [ParticleBatch(Range(*ends), count, stated_sizes(section)) for ends in ranges]
     slots = sample_slots(rig, section, batches, np.random.default_rng(seed), relief_px)
-    return slots, lambda number: sample_release(rig.camera, section, slots, np.random.default_rng([3, number]))
+    return slots, lambda number: sample_start(rig.camera, section, slots, np.random.default_rng([3, number]))
 
 
 def stream(**options):
@@ -130,6 +130,8 @@ def test_stretch_never_exceeds_the_bounding_sphere():
 
 def test_batches_of_more_particles_than_allowed_are_cut_in_proportion():
     section = ParticlesSection(most=50)
-    batches = [Batch(Range(low, low), count, stated_sizes(section)) for low, count in ((20.0, 400), (60.0, 100))]
+    batches = [
+        ParticleBatch(Range(low, low), count, stated_sizes(section)) for low, count in ((20.0, 400), (60.0, 100))
+    ]
     slots = sample_slots(still_rig(CAMERA, 1e9), section, batches, np.random.default_rng(2))
     assert np.unique(slots.disparity_px, return_counts=True)[1] == pytest.approx([40, 10], abs=1)

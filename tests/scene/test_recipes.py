@@ -207,7 +207,7 @@ def test_a_dataset_of_several_recipes_comes_to_its_target():
 
 def test_faults_of_a_recipes_scenes_name_it():
     sampler = sampler_of(mixed(small(), [{"recipe": "few", "particles": {"most": 1}}]))
-    with pytest.raises(InputError, match=r"^recipe few: disparity\.target takes about"):
+    with pytest.raises(InputError, match=r"^recipe few: disparity\.target needs about"):
         sampler.sample(0)
 
 

@@ -1,4 +1,4 @@
-"""Large patches: whole pictures, from the cut to the surfaces that wear them."""
+"""Large patches: whole pictures, from the cut to the surfaces that get them."""
 
 import weakref
 from dataclasses import replace
@@ -11,8 +11,8 @@ from samplers import patches, sampler_of
 from semisynth_gl.config import load_config
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.instances import map_patches, new_instances
+from semisynth_gl.scene.left_view import left_view_hits
 from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
@@ -101,7 +101,7 @@ def test_walls_wear_them_and_no_patch_repeats_across_the_view():
     # On the screen a patch is at least as wide as the image: the same UV spans fewer patches than of small ones.
     shown = plain.uv_scale[still] / sampled.scene.uv_scale[still]
     assert (shown >= 1024 / 256 - 1e-9).all()
-    # What wears a small patch looks as it does without large ones.
+    # Instances with small patches look as they do without large patches.
     same = patch < 5
     assert same.sum() > 20
     np.testing.assert_array_equal(plain.uv_scale[same], sampled.scene.uv_scale[same])
@@ -129,7 +129,7 @@ def test_what_is_seen_of_a_surface_shows_a_patch_about_once(config):
     once, small, models = [], [], 0
     for index in range(4):
         sampled = sampler.sample(index)
-        scene, seen = sampled.scene, glance(sampled.scene, sampler.models)
+        scene, seen = sampled.scene, left_view_hits(sampled.scene, sampler.models)
         for number in np.unique(seen.instance):
             uv = seen.uv[seen.instance == number] * scene.uv_scale[number] + scene.uv_offset[number]
             low, high = np.quantile(uv, (0.1, 0.9), axis=0)

@@ -1,4 +1,4 @@
-"""Static instances on a floor: models that stand, lie and hang, flat rectangles beside them, and walls of a room."""
+"""Builds scenes of static instances over a floor: models that stand, lie or hang, flat rectangles, and walls."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,9 +16,9 @@ from semisynth_gl.scene.resting import surfaces_below
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.scene import placed_vertices
 
-# Kinds that wear a large patch, as walls do.
+# Kinds of models that always get a large patch, as walls do.
 _LARGE = frozenset({"house"})
-# Cosine of the steepest slope that counts as level, so that a thing can stand on it.
+# Cosine of the steepest slope on which a thing can stand.
 _LEVEL = 0.98
 
 Diameters = Mapping[str, tuple[float, float]]
@@ -47,10 +47,10 @@ def camera_over_floor(height_m: float, yaw_rad: float, pitch_rad: float, roll_ra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Catalogue:
-    """The M models that static instances are made of: `SURFACE_MODELS`, then the library's models."""
+    """The M models of static instances, `SURFACE_MODELS` and then the library's models, and their extents."""
 
     models: tuple[Mesh, ...]
-    by_name: Mapping[str, Ints]  # the numbers of the library's models that may be chosen, by kind
+    by_name: Mapping[str, Ints]  # for each kind, the numbers of the library's models that may be chosen
     low: Floats  # (M, 3) the lower corner of each model's bounding box, model units
     high: Floats  # (M, 3) the opposite corner
     uv_low: Floats  # (M, 2) the lowest UV of each model
@@ -66,21 +66,21 @@ class Catalogue:
 
 
 @dataclass(slots=True, eq=False)
-class Arrangement:
-    """The static instances of a room or a street, gathered one by one in the floor's frame; see `camera_over_floor`."""
+class FloorSceneBuilder:
+    """Builds the static instances of a room or a street one by one, in the floor's frame; see `camera_over_floor`."""
 
     rig: SequenceRig
     camera_from_floor: Floats  # (4, 4), metres
     catalogue: Catalogue
-    metre: float  # length of one metre of the arrangement, which may be scaled, in true metres
+    metre: float  # length of one metre of the room or street in true metres; not 1 if everything is scaled
     rng: np.random.Generator
-    farthest_m: float = np.inf  # depth that no view exceeds, if the walls could be brought in that far
+    farthest_m: float = np.inf  # maximum depth in all views, if the walls could be brought in that far
     things: list[np.void] = field(default_factory=list)  # rows of `INSTANCE`, whose poses are floor_from_model
-    taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles on the floor: x, y and radius
-    raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)  # opposite corners, height of the floor
+    taken: list[tuple[float, float, float]] = field(default_factory=list)  # occupied circles of the floor: x, y, radius
+    raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)  # raised parts: opposite corners, height
 
     def table(self) -> Instances:
-        """Return the table of the instances in the left camera's frame. Each has the depth of its origin."""
+        """Return the table of the instances in the left camera's frame. ``depth_m`` is that of each origin."""
         table = np.array(self.things, INSTANCE)
         table["pose"] = self.camera_from_floor @ table["pose"]
         table["depth_m"] = np.maximum(table["pose"][:, 2, 3], self.rig.near_m)
@@ -91,9 +91,9 @@ class Arrangement:
         return np.asarray(points @ self.camera_from_floor[2, :3] + self.camera_from_floor[2, 3])
 
     def pick(self, sizes_m: Diameters) -> Picked | None:
-        """Choose a model of several kinds, which are equally likely; return None where the library has none of them.
+        """Choose a model from several kinds, which are equally likely; return None if the library has none of them.
 
-        ``sizes_m`` is in the arrangement's metres, the chosen diameter in true metres.
+        ``sizes_m`` is in metres of the room or street, the chosen diameter in true metres.
         """
         kind, variant, size = self.rng.random(3)
         known = [name for name in sizes_m if name in self.catalogue.by_name]
@@ -112,21 +112,22 @@ class Arrangement:
     def add(
         self, model: int, pose: Floats, unit_m: ArrayLike, texture: int | None = None, *, large: bool = True
     ) -> int:
-        """Add a thing, which by default wears a texture that nothing else wears; return its number.
+        """Add a thing; return its number.
 
-        ``model`` is its number in the catalogue. The other arguments are columns of `INSTANCE`.
+        ``model`` is the model's number in the catalogue. The other arguments are columns of `INSTANCE`. By default no
+        other thing has the same texture.
         """
         number = len(self.things)
-        worn = number if texture is None else texture
-        self.things.append(new_instances(1, model=model, pose=pose, unit_m=unit_m, texture=worn, large=large)[0])
+        texture = number if texture is None else texture
+        self.things.append(new_instances(1, model=model, pose=pose, unit_m=unit_m, texture=texture, large=large)[0])
         return number
 
     def add_rectangle(
         self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: Mesh = FACE, texture: int | None = None
     ) -> int:
-        """Add a rectangle that shows its texture upright and unmirrored; return its number.
+        """Add a rectangle that shows its texture upright and unmirrored; return the rectangle's number.
 
-        Seen from its front, ``corner`` (3,) is at the top left, and the edges ``u`` and ``v``, (3,) each, lead right
+        Seen from the front, ``corner`` (3,) is at the top left, and the edges ``u`` and ``v``, (3,) each, lead right
         and down. ``model`` is a surface over the unit square.
         """
         edges = np.array([u, v], np.float64)
@@ -140,11 +141,11 @@ class Arrangement:
     def add_box(
         self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, texture: int | None = None
     ) -> int | None:
-        """Add the five sides of a box without its bottom, which share a texture; return the number of the first side.
+        """Add the five sides of a box that has no bottom; return the number of the first side.
 
-        A box that comes too near to the camera is not added: the result is None. ``middle`` (3,) is the middle of its
-        bottom; ``half`` (3,) has half the width, half the depth, and the whole height. The sides may wear the
-        ``texture`` of an earlier thing.
+        A box too near to the camera is not added: the result is None. ``middle`` (3,) is the middle of the bottom.
+        ``half`` (3,) has half the width, half the depth, and the whole height. All sides share one texture, by default
+        a new one; ``texture`` is the number of an earlier thing whose texture they share.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned_about_z(yaw_rad)
@@ -164,8 +165,8 @@ class Arrangement:
     def stand(self, picked: Picked, at: ArrayLike, yaw_rad: float, stretch: Floats | float = 1.0) -> int | None:
         """Stand a model upright on a point (3,), which lies below the model's origin; return the thing's number.
 
-        A model that comes too near to the camera is not added: the result is None. ``stretch`` may have a factor for
-        each axis of the model, (3,).
+        A model too near to the camera is not added: the result is None. ``stretch`` is a factor of the size, or one
+        factor for each axis of the model, (3,).
         """
         number, size_m = picked
         scale = size_m / 2 * (np.ones(3) * stretch)
@@ -179,12 +180,12 @@ class Arrangement:
         return self.add(number, matrix, scale.mean(), large=self.catalogue.models[number].name in _LARGE)
 
     def _too_near(self, low: ArrayLike, high: ArrayLike, turn: Floats, at: Floats) -> bool:
-        """Return whether a box between two opposite corners, turned and then moved, comes too near to the camera."""
+        """Return whether a box between two opposite corners, turned and then moved, is too near to the camera."""
         corners = np.array(list(product(*np.stack([low, high], axis=1))))
         return bool(self.depths_m(corners @ turn.T + at).min() < BEYOND_NEAR * self.rig.near_m)
 
     def top(self, number: int, x: float, y: float) -> float | None:
-        """Return the height of a thing's top over a point (x, y) of the floor; None where the top is not level."""
+        """Return the height of a thing's top over a point (x, y) of the floor; None if the top is not level there."""
         thing = self.things[number]
         mesh = self.catalogue.models[thing["model"]]
         corners = placed_vertices(mesh, thing["pose"])[mesh.triangles]
@@ -192,20 +193,20 @@ class Arrangement:
         return float(height[0]) if normal[0, 2] >= _LEVEL else None
 
     def floor_m(self, x: float, y: float) -> float:
-        """Return the height of the floor at a point, which may be raised as by a pavement."""
+        """Return the height of the floor at a point: 0, or the height of a raised part such as a pavement."""
         return next((z for (a, b), (c, d), z in self.raised if a < x < c and b < y < d), 0.0)
 
     def is_free(self, x: float, y: float, radius_m: float) -> bool:
-        """Return whether a circle on the floor keeps clear of all taken circles; they may overlap by a fifth."""
+        """Return whether a circle is clear of all taken circles; overlaps up to a fifth of both radii are allowed."""
         return all((x - a) ** 2 + (y - b) ** 2 > (0.8 * (radius_m + r)) ** 2 for a, b, r in self.taken)
 
 
 class Wall:
-    """A wall as it is seen from inside the room.
+    """A wall, seen from inside the room.
 
-    It has its top left ``corner`` and the edges ``right`` and ``down`` from there, (3,) each in the floor's frame, and
-    the unit normal ``out`` (3,), outwards. ``taken`` are opposite corners (u, v), in shares of the edges, of its hole
-    and of what hangs on it.
+    ``corner`` is the top left corner. The edges ``right`` and ``down`` lead from there. ``out`` is the outward unit
+    normal. All are (3,), in the floor's frame. ``taken`` lists the rectangles of the wall's hole and of what hangs on
+    the wall, each as opposite corners (u, v) in fractions of the edges.
     """
 
     def __init__(self, corner: Floats, right: Floats, height_m: float) -> None:
@@ -217,15 +218,15 @@ class Wall:
 
     @property
     def yaw_rad(self) -> float:
-        """The turn about z that puts a model's back, +y, to the wall."""
+        """The rotation about z that turns a model's back, +y, to the wall."""
         return float(np.arctan2(self.out[1], self.out[0]) - np.pi / 2)
 
     def is_free(self, low: Corner, high: Corner) -> bool:
-        """Return whether a rectangle from lowest to highest (u, v) lies on the wall, clear of all taken rectangles."""
+        """Return whether a rectangle between corners (u, v) lies on the wall and is clear of all taken rectangles."""
         if min(low) < 0 or max(high) > 1:
             return False
         return not any(all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1)) for begin, end in self.taken)
 
     def at(self, u: float, v: float, out_m: float = 0.0) -> Floats:
-        """Return the point (3,) at shares ``u`` and ``v`` of the wall's edges, ``out_m`` behind the wall."""
+        """Return the point (3,) at fractions ``u`` and ``v`` of the wall's edges, ``out_m`` behind the wall."""
         return np.asarray(self.corner + u * self.right + v * self.down + out_m * self.out)

@@ -1,6 +1,6 @@
-"""A glance at a scene: the first hits of the left view's rays on a coarse grid, for all triangles at once.
+"""Finds what the left view shows at the points of a coarse grid.
 
-The ray caster finds the same hits instance by instance, which takes longer.
+All triangles are projected at once. The ray caster finds the same hits instance by instance, which takes longer.
 """
 
 from collections.abc import Sequence
@@ -17,49 +17,49 @@ from semisynth_gl.scene.scene import Scene, placed_vertices
 
 # Columns and rows of the coarse grid over the view; see `grid_px`.
 GRID = (48, 32)
-# Share of rays at each end of a surface's UV that is ignored: a ground that reaches to the horizon is measured where it
-# is near.
-_LEFT_OUT = 0.05
+# The lowest and the highest UV of a surface ignore this share of its rays, so that the far end of a ground that reaches
+# the horizon does not count.
+_IGNORED = 0.05
 
 
-class Glance(NamedTuple):
-    """The first hits of R rays of the left view."""
+class LeftViewHits(NamedTuple):
+    """The first surfaces that R rays of the left view hit."""
 
     depth_m: Floats  # (R,) planar depth; inf where a ray hits the sky or nothing
-    instance: Ints  # (R,) index of the instance that is hit; -1 where a ray hits nothing
+    instance: Ints  # (R,) index of the instance that a ray hits; -1 where it hits nothing
     uv: Floats  # (R, 2) the model's UV at the hit; 0 where a ray hits nothing
 
 
 def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
-    """Return the columns and the rows, (R,) px each, of a coarse grid of `GRID` points over the view, row by row."""
+    """Return the columns and the rows, (R,) px each, of the points of a coarse `GRID` over the view, row by row."""
     sizes = zip(GRID, (camera.width_px, camera.height_px), strict=True)
     columns, rows = np.meshgrid(*((np.arange(count) + 0.5) / count * size - 0.5 for count, size in sizes))
     return columns.ravel(), rows.ravel()
 
 
 def measure(table: Instances, camera: StereoCamera, near_m: float, models: Sequence[Mesh], fixed: int = 0) -> Floats:
-    """Measure static instances in the left view: set the range of UV that is seen of each, and its median depth.
+    """Set the visible range of UV of each static instance in the left view, and its median depth.
 
-    The depths of hidden instances, of the sky and of the first ``fixed`` instances stay. Returns the disparities (R,)
-    of the view on the grid of `grid_px`.
+    Hidden instances, the sky and the first ``fixed`` instances keep their ``depth_m``. Returns the disparities (R,) of
+    the view at the points of `grid_px`.
     """
-    seen = glance(to_scene(table, camera, near_m), models)
+    seen = left_view_hits(to_scene(table, camera, near_m), models)
     for number in np.unique(seen.instance[seen.instance >= 0]).tolist():
         rays = seen.instance == number
         if number >= fixed and not table["sky"][number]:
             table["depth_m"][number] = np.median(seen.depth_m[rays])
         uv = np.sort(seen.uv[rays], axis=0)
-        left_out = int(_LEFT_OUT * len(uv))
-        table["uv_low"][number], table["uv_high"][number] = uv[left_out], uv[-1 - left_out]
+        ignored = int(_IGNORED * len(uv))
+        table["uv_low"][number], table["uv_high"][number] = uv[ignored], uv[-1 - ignored]
     return camera.disparity_px(seen.depth_m)
 
 
-def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
+def left_view_hits(scene: Scene, models: Sequence[Mesh]) -> LeftViewHits:
     """Return the first hits of the left view's rays through the points of `grid_px`.
 
     ``scene.model`` holds indices into ``models``.
     """
-    # Points (V, 5), x y z u v; the numbers of each triangle's points; and the instance that owns each triangle.
+    # Points (V, 5), x y z u v; the numbers of each triangle's corners; and the instance that owns each triangle.
     parts, triangles, owners, count = [np.empty((0, 5))], [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)], 0
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
@@ -91,10 +91,10 @@ def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
     order = np.lexsort((shown_m, cell))
     hit, first_of_cell = np.unique(cell[order], return_index=True)
     first = order[first_of_cell]
-    # UV / Z is linear, too.
+    # UV / Z is linear over the image, too.
     share = np.stack([1 - u - v, u, v], axis=1)[first] * own[first] * depth_m[first, None]
     rays = GRID[0] * GRID[1]
-    seen = Glance(np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2)))
+    seen = LeftViewHits(np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2)))
     seen.depth_m[hit], seen.instance[hit] = shown_m[first], owner[triangle[first]]
     seen.uv[hit] = (share[..., None] * points[corners[:, triangle[first]].T, 3:]).sum(axis=1)
     return seen
@@ -106,7 +106,7 @@ def _cut(corners: Floats, near_m: float) -> Floats:
     count = np.count_nonzero(beyond, axis=1)
     crossing = np.flatnonzero((count == 1) | (count == 2))
     one, beyond = count[crossing] == 1, beyond[crossing]
-    # The corner that is the only one on its side of the plane comes first.
+    # Rotate the corners so that the one alone on its side of the plane comes first.
     odd = np.where(one, beyond.argmax(axis=1), beyond.argmin(axis=1))
     first, second, third = (corners[crossing, (odd + k) % 3] for k in range(3))
 
