@@ -1,4 +1,4 @@
-// Disparity d = f B / Z - doffs, px; unless disparities are signed, it is valid only where it is positive.
+// Disparity d = f B / Z - doffs, px. Unless disparities are signed, only positive disparities are valid.
 
 // The includer includes common_constants.glsl before this file.
 

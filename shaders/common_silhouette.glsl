@@ -1,15 +1,15 @@
-// Following a surface across the image, from a pixel that shows it to a point beside that pixel's centre.
+// Follows a surface across the image, from the centre of a pixel that shows it to a target position nearby.
 //
-// Depth maps know surfaces at pixel centres only; whether a surface hides a point between the centres is decided here by
-// its triangles: from the one that the pixel shows, across shared edges, until the point is reached or the surface turns
-// away at its silhouette.
+// Depth maps have surfaces only at pixel centres. Whether a surface hides a point between the centres is decided here
+// by the surface's triangles: we walk from the triangle that the pixel shows across shared edges, until we reach the
+// target or the surface turns away at its silhouette.
 
 #include "common_triangles.glsl"
 
 const uint NO_NEIGHBOUR = 0xFFFFFFFFu;
-const uint MOST_STEPS = 512u;  // largest number of triangles that are crossed; finer meshes may be given up too early
+const uint MOST_STEPS = 512u;  // maximum number of triangles to cross; in finer meshes the walk may end too early
 const float NOT_COVERED = -1.0;
-// How far a target may be off: float32 rounds columns of some thousand by 1e-4, and disparities too.
+// Error of a target position: float32 rounds columns in the thousands, and disparities, by 1e-4.
 const float OFF_PX = 3e-4;
 
 // The smallest 1 / Z of a triangle's plane within OFF_PX of a pixel position. The disparity of a surface at a grazing
@@ -20,31 +20,31 @@ float least_inverse_depth_at(vec3 a, vec3 b, vec3 c, vec2 pixel) {
     return inverse_depth_at(a, b, c, pixel) - OFF_PX * (per_pixel.x + per_pixel.y);
 }
 
-// How far a surface has been followed from a pixel, the start, to a target position.
+// A walk along a surface from a pixel, the start, to a target position.
 struct Trace {
     Instance instance;
-    uint triangle;        // the next one to cross
+    uint triangle;        // the next triangle to cross
     uint came_from;
     vec2 start;
     vec2 target;
     float reached;        // along the way, 1 at the target
     uint steps;
     bool ended;
-    float inverse_depth;  // the result, once the trace has ended; see surface_at
+    float inverse_depth;  // the result, when the walk has ended; see surface_at
 };
 
 Trace trace_from(uvec2 surface, vec2 start, vec2 target) {
     return Trace(instance_at(surface.x), surface.y, NO_NEIGHBOUR, start, target, 0.0, 0u, false, NOT_COVERED);
 }
 
-// Crosses one triangle. Callers that trace several surfaces do so in one loop: llvmpipe runs eight invocations at a time,
-// and in nested loops all would wait for the slowest one at each surface.
+// Crosses one triangle. Callers that trace several surfaces use a single loop: llvmpipe runs eight invocations at a time,
+// and in nested loops all of them would wait for the slowest invocation at each surface.
 void cross_triangle(inout Trace trace) {
     vec2 way = trace.target - trace.start;
     float way_squared = dot(way, way);
     vec3 corner[3];
     uint neighbour[3];
-    vec2 along_beside[3];  // coordinates along the way and across it
+    vec2 along_beside[3];  // coordinates of the corners along the way and across it
     bool in_front = true;
     for (int k = 0; k < 3; ++k) {
         uvec4 bits = corner_bits(trace.triangle, k);
@@ -54,7 +54,7 @@ void cross_triangle(inout Trace trace) {
         vec2 from_start = focal_px * corner[k].xy / corner[k].z + centre_px - trace.start;
         along_beside[k] = vec2(dot(from_start, way) / way_squared, from_start.y * way.x - from_start.x * way.y);
     }
-    // Two of the three edges cross the line of the way; leave by the farther one, not by the edge of entry.
+    // Two of the three edges cross the line of the way. Leave by the farther edge, not by the edge of entry.
     float exit = -1e30;
     uint next = NO_NEIGHBOUR;
     for (int k = 0; k < 3; ++k) {
@@ -67,9 +67,9 @@ void cross_triangle(inout Trace trace) {
             next = across;
         }
     }
-    // A triangle that crosses the near plane has no outline in the image. It is taken for a wall, which continues.
+    // A triangle that crosses the near plane has no outline in the image. Assume that it covers the target, as walls do.
     bool arrived = !in_front || way_squared == 0.0 || exit >= 1.0;
-    // Behind the silhouette the next triangle lies back under this one.
+    // At the silhouette, the surface turns back: the next triangle lies behind this one.
     bool left = next == NO_NEIGHBOUR || (trace.steps > 0u && exit < trace.reached) || trace.steps + 1u == MOST_STEPS;
     trace.ended = arrived || left;
     if (arrived) {
@@ -81,8 +81,8 @@ void cross_triangle(inout Trace trace) {
     ++trace.steps;
 }
 
-// 1 / Z of the surface at the target position, reduced by what rounding of the position may add, or NOT_COVERED where the
-// surface ends before the target.
+// 1 / Z of the surface at the target position, less the margin for rounding of the position; NOT_COVERED if the surface
+// ends before the target.
 float surface_at(uvec2 surface, vec2 start, vec2 target) {
     Trace trace = trace_from(surface, start, target);
     while (!trace.ended) {

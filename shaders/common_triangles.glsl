@@ -1,9 +1,10 @@
-// The triangles of all models, and the instances of a scene. The includer includes common_constants.glsl before this file.
+// The triangles of all models, and the instances of a scene. The includer includes common_constants.glsl before this
+// file.
 //
-// Both are read from textures of four components: llvmpipe reads the numbers of a storage buffer one by one.
+// Both are in textures of four components, since llvmpipe reads the numbers of a storage buffer one by one.
 
 struct Instance {
-    vec4 view_from_model_x;   // rows, relative to the eye whose view is followed
+    vec4 view_from_model_x;   // rows, relative to the eye whose surfaces are in the textures
     vec4 view_from_model_y;
     vec4 view_from_model_z;
 };
@@ -20,7 +21,8 @@ Instance instance_at(uint number) {
                     uintBitsToFloat(texelFetch(instance_rows, at + ivec2(2, 0), 0)));
 }
 
-// One corner of a triangle: the bits of its position in model units, and the triangle across the edge to the next corner.
+// One corner of a triangle: the bits of its position in model units, and the triangle across the edge to the next
+// corner.
 uvec4 corner_bits(uint triangle, int k) {
     return texelFetch(triangle_corners, ivec2(3u * (triangle % PER_ROW) + uint(k), triangle / PER_ROW), 0);
 }
@@ -38,8 +40,8 @@ vec3 corner_of(Instance instance, uint triangle, int k) {
     return in_view(instance, position_of(corner_bits(triangle, k)));
 }
 
-// The unit normal of a triangle's plane, towards the eye. Edges are taken in model units, where corners are exact: the
-// difference of two corners in view would round in steps of their distance from the eye.
+// The unit normal of a triangle's plane, towards the eye. The edges are subtracted in model units, where corners are
+// exact: the difference of two corners in view would round in steps of their distance from the eye.
 vec3 normal_of(Instance instance, uint triangle) {
     vec4 a = position_of(corner_bits(triangle, 0));
     vec3 first = normalize(in_view(instance, position_of(corner_bits(triangle, 1)) - a));

@@ -1,5 +1,6 @@
 #version 450 core
-// The disparity of a view from its 1 / Z: a view that several cameras share is drawn once, and each has its own f B.
+// The disparity of a view from its 1 / Z. A view that several cameras share is drawn once, but each camera has its own
+// f B.
 
 #include "common_constants.glsl"
 #include "common_disparity.glsl"

@@ -1,10 +1,10 @@
 #version 450 core
-// Blends the colour across an edge into a pixel, by the share of the pixel that lies across. A pixel whose centre is
-// outside the surface gets the surface's patch, in the projector's light where it is LIT; a pixel whose centre is inside
-// gets the next pixel's colour.
+// Blends the colour on the other side of an edge into a pixel, by the share of the pixel on that side. A pixel whose
+// centre is outside the surface gets the colour of the surface's patch, lit by the projector if LIT. A pixel whose
+// centre is inside gets the next pixel's colour.
 
 in vec4 seen_patch;  // coordinate of the point of the edge beside this pixel, layer, level
-flat in vec4 line;   // unit normal, away from the surface, and offset: the distance from the edge, px; 1 for a large patch
+flat in vec4 line;   // the edge's unit normal, away from the surface, and its offset, px; 1 for a large patch, else 0
 
 layout(binding = 0) uniform sampler2DArray atlas;
 #ifdef LARGE
@@ -21,7 +21,7 @@ flat in vec3 normal;  // of the surface, in the projector's frame
 layout(location = 0) out vec4 colour;
 
 void main() {
-    // How much of a square of one pixel lies beyond a line at this distance from its centre.
+    // The share of a pixel that lies beyond a line at this distance from the pixel's centre.
     float signed_px = dot(line.xy, gl_FragCoord.xy) + line.z;
     vec2 extent = abs(line.xy);
     float longer = max(extent.x, extent.y), shorter = min(extent.x, extent.y);
@@ -41,7 +41,7 @@ void main() {
         colour = vec4(textureLod(atlas, seen_patch.xyz, round(seen_patch.w)).rgb, share);
     }
 #ifdef LIT
-    // Across the edge, the strip has the edge's depth.
+    // Beyond the edge, the strip has the depth of the edge.
     vec2 on_edge_px = gl_FragCoord.xy - signed_px * line.xy;
     colour.rgb *= light_on(over_depth_at(on_edge_px, gl_FragCoord.w), gl_FragCoord.w, normal, false);
 #endif

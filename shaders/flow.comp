@@ -1,9 +1,9 @@
 #version 450 core
-// Where the same eye sees the point of a pixel at another moment, and whether the point is visible then. With OTHER_EYE,
-// the other eye's view takes the place of the other moment, and the disparity is found, too.
+// Where the same eye sees the point of a pixel at a target moment, and whether the point is visible then. With
+// OTHER_EYE, the other eye's view replaces the target moment, and the disparity is computed, too.
 //
-// DEPTHS decides most pixels by the other moment's depth map, and lists the undecided ones. TRACE walks from the
-// neighbouring pixels across their triangles to such a point.
+// DEPTHS decides most pixels by the depth map of the target moment, and lists the undecided pixels. TRACE walks from
+// the neighbouring pixels across their triangles to the point of an undecided pixel.
 
 #include "common_constants.glsl"
 #include "common_disparity.glsl"
@@ -19,28 +19,28 @@ layout(local_size_x = 64) in;
 
 layout(binding = 0) uniform sampler2D own_depth;       // m; inf where nothing is drawn, or the sky
 layout(binding = 1) uniform usampler2D own_surface;
-layout(binding = 2) uniform sampler2D then_depth;      // its wrap must be clamped
+layout(binding = 2) uniform sampler2D then_depth;      // at the target moment; its wrap must be clamped
 layout(binding = 3) uniform usampler2D then_surface;
 
 layout(binding = 0, rg32f) writeonly uniform image2D flow;
-layout(binding = 1, r32f) writeonly uniform image2D disparity;  // OTHER_EYE: the disparity now; else its change
+layout(binding = 1, r32f) writeonly uniform image2D disparity;  // with OTHER_EYE the disparity, else its change
 layout(binding = 2, r8ui) writeonly uniform uimage2D flow_visibility;
 
 struct Move {
-    vec4 turn_and_shift_x;   // rows of R - 1 and of the shift of the centre: a point at c + q goes to c + shift + R q
+    vec4 turn_and_shift_x;   // rows of R - 1 and of the shift of the centre c: a point c + q moves to c + shift + R q
     vec4 turn_and_shift_y;
     vec4 turn_and_shift_z;
     vec4 centre;             // c, relative to this eye
-    uvec4 then;              // the instance then, or GONE
+    uvec4 then;              // the instance's number at the target moment, or GONE
 };
 
 #ifdef OTHER_EYE
 layout(binding = 6) uniform sampler2D own_disparity;
 
-uniform vec4 turn_and_shift[3];  // as in Move, of all instances, about this eye
-uniform vec4 own_lens;           // principal point and focal lengths of this eye; the constants have the other one's
-uniform vec4 lens_change;        // the other eye's less this eye's, worked out in float64
-uniform bool rectified;          // disparities are drawn already
+uniform vec4 turn_and_shift[3];  // as in Move, for all instances, about this eye
+uniform vec4 own_lens;           // principal point and focal lengths of this eye; the constants have the other eye's
+uniform vec4 lens_change;        // the other eye's lens minus this eye's, computed in float64
+uniform bool rectified;          // whether disparities are drawn already
 
 Move move_of(uint instance) {
     return Move(turn_and_shift[0], turn_and_shift[1], turn_and_shift[2], vec4(0.0), uvec4(instance));
@@ -53,36 +53,36 @@ Move move_of(uint instance) {
 }
 #endif
 
-// Pixels that are listed, as column and row.
+// The work list: a listed pixel is a column and a row.
 layout(std430, binding = 5) buffer Work {
     uint pixels;
     uint unused[3];
     uint work[];
 };
 
-uniform uvec4 band;  // pixels: left column, first row, width and height of what is judged now
+uniform uvec4 band;  // the part of the image that is judged now: left column, first row, width and height, px
 
 const uint UNDECIDED = 1u;
 const uint GONE = 0xFFFFFFFFu;
 const uint NOTHING = 0xFFFFFFFFu;
 // Relative uncertainty of 1 / Z in float32.
 const float ROUNDING = 2e-5;
-// Largest relative bend of a surface between four pixels that all show it.
+// Maximum relative deviation of a surface from a plane between four pixels that all show it.
 const float BEND = 2e-4;
-// Share by which a surface is certainly nearer, however it runs between two pixels.
+// A surface that is nearer by this share is certainly nearer everywhere between two pixels.
 const float CLEARLY = 0.01;
 
-// The way of a point to the other moment.
+// The motion of a point to the target moment ("then").
 struct Way {
     float inverse_depth;       // 1 / Z now
-    float deeper;              // Z then less Z now, in units of the depth now
-    float growth;              // Z then, in units of the depth now
+    float deeper;              // Z then minus Z now, in units of Z now
+    float growth;              // Z then, in units of Z now
     vec2 flow_px;
 };
 
 Way way_of(ivec2 pixel, float depth_m, Move move) {
-    // All lengths in units of the depth. The displacement is worked out as such, not as the difference of two places:
-    // so its rounding errors are of its own size.
+    // All lengths are in units of the depth. The displacement is computed directly, not as the difference of two
+    // positions, so its rounding errors are in proportion to it.
     float inverse_depth = depth_m > LARGEST ? 0.0 : 1.0 / depth_m;
 #ifdef OTHER_EYE
     vec3 ray = vec3((vec2(pixel) - own_lens.xy) / own_lens.zw, 1.0);
@@ -100,14 +100,14 @@ Way way_of(ivec2 pixel, float depth_m, Move move) {
     return Way(inverse_depth, way.z, growth, flow_px);
 }
 
-// 1 / Z of the four pixels around a point then: x, y are below, left and right, and w, z above.
+// 1 / Z then of the four pixels around a point: x and y are the lower left and right pixels, w and z the upper ones.
 vec4 nearness_around(vec2 target) {
     vec2 corner = (floor(target) + 1.0) / vec2(textureSize(then_depth, 0));
     return 1.0 / textureGather(then_depth, corner);
 }
 
 #if STEP == DEPTHS
-// By the depths of the four pixels around the point then.
+// Judges visibility by the depths, then, of the four pixels around the point.
 uint judge(vec2 target, float inverse_depth_then, uint instance_then) {
     vec4 nearness = nearness_around(target);
     float nearest = max(max(nearness.x, nearness.y), max(nearness.z, nearness.w));
@@ -181,7 +181,8 @@ void main() {
         vec4 nearness = nearness_around(target);
         const ivec2 STEPS[4] = ivec2[4](ivec2(0, 1), ivec2(1, 1), ivec2(1, 0), ivec2(0, 0));
         for (int k = 0; k < 4; ++k) {
-            // Surfaces that are farther by more than a surface rises within a pixel hide nothing, nor does the sky.
+            // A surface cannot hide the point if it is farther by more than a surface rises within a pixel; nor can the
+            // sky.
             if (nearness[k] == 0.0 || nearness[k] * (1.0 + 2.0 * CLEARLY) < inverse_depth_then) {
                 continue;
             }

@@ -1,5 +1,5 @@
 #version 450 core
-// Sends each triangle to its layer.
+// Draws each triangle to its layer.
 
 layout(triangles) in;
 layout(triangle_strip, max_vertices = 3) out;

@@ -1,5 +1,5 @@
 #version 450 core
-// A fan of two triangles that cover the image, for each instance; the instance's number is the layer to draw to.
+// For each instance, a fan of two triangles that covers the image. The instance's number is the layer to draw to.
 
 out vec2 corner_coordinate;
 flat out int corner_layer;

@@ -1,9 +1,9 @@
 #version 450 core
-// COLOUR: from the patch atlas and nothing else, with up to most_samples where it is ANISOTROPIC, with one component where
-// it is GREY, and multiplied by light_on() where it is LIT. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) from
-// which several cameras' disparities follow, DEPTH (planar), INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards
-// the camera) and SURFACE (which triangle of which instance). SNAPPED is the number of steps in a pixel to which the driver
-// moves the corners of triangles.
+// COLOUR comes only from the patch atlas. ANISOTROPIC takes up to most_samples of it, GREY has one component, and LIT
+// multiplies it by light_on(). The other outputs are truth: DISPARITY; INVERSE_DEPTH (1 / Z), from which disparities of
+// several cameras are computed; DEPTH (planar); INSTANCES (ids from 1); SKY; NORMALS (of the triangle, towards the
+// camera); SURFACE (instance and triangle). SNAPPED is the number of steps in a pixel to which the driver rounds
+// corners of triangles.
 
 #include "common_constants.glsl"
 
@@ -16,16 +16,16 @@ flat in int scene_triangle;
 #ifdef SNAPPED
 in vec3 point;
 
-// GPUs move corners to multiples of 1 / SNAPPED px first, so they show at a pixel's centre what lies up to half a step
-// beside it. How far that is follows from the point; the bound leaves room for rounding, and keeps slivers, whose points
-// are badly known, from being carried off.
+// GPUs first round corners to multiples of 1 / SNAPPED px, so a pixel's centre shows a point that lies up to half a
+// step beside it. The interpolated point gives this offset. Its limit has a margin for rounding, and prevents large
+// corrections on slivers, whose interpolated points are inexact.
 float inverse_depth_here() {
     precise vec2 ray = (gl_FragCoord.xy - 0.5 - centre_px) / focal_px;
     precise vec2 off_px = focal_px * fma(ray, vec2(point.z), -point.xy) / point.z;
     const float most_px = 0.53 / float(SNAPPED);
     vec2 change = vec2(dFdx(gl_FragCoord.w), dFdy(gl_FragCoord.w));
     precise float here = gl_FragCoord.w + dot(change, clamp(off_px, -most_px, most_px));
-    // Beside the horizon of a ground, a step leads beyond infinity.
+    // Next to the horizon of a ground, the correction may lead to 1 / Z <= 0.
     return max(here, 1e-30);
 }
 #else
@@ -46,14 +46,14 @@ layout(binding = 0) uniform sampler2DArray atlas;
 layout(location = COLOUR) out Colour colour;
 
 #ifdef ANISOTROPIC
-// Not a constant: llvmpipe would unroll the loop, and take the most samples for all pixels.
+// Not a constant: llvmpipe would unroll the loop, and take most_samples in all pixels.
 uniform float most_samples;
 #endif
 
 Colour patch_colour() {
     vec2 side_texels = vec2(textureSize(atlas, 0).xy);
-    // Drivers floor the position between texels to a multiple of 1/256; rounding it first keeps a position that is
-    // 1e-5 below a texel's centre from taking 1/256 of its neighbour.
+    // Drivers round the position between texels down to a multiple of 1/256. Without our rounding, a position 1e-5
+    // below a texel's centre would mix in 1/256 of the neighbouring texel.
     vec2 position = (patch_coordinate * side_texels - 0.5) * 256.0;
     vec2 to_step = (round(position) - position) / (256.0 * side_texels);
 #ifndef ANISOTROPIC
@@ -63,9 +63,10 @@ Colour patch_colour() {
     float x_texels = length(dx * side_texels), y_texels = length(dy * side_texels);
     float longer = max(max(x_texels, y_texels), 1e-6);
     // A pixel that covers many texels in one direction and few in the other is sampled several times along the longer
-    // one. The driver's own anisotropic filter is not used: its results differ, with stray dots on llvmpipe.
-    // One texel a pixel must come out bit for bit, so errors of the derivatives may neither add a sample nor mix in the next
-    // level. OpenGL does not bound these errors; near the end of a patch of 2048 texels, they reach 1e-3.
+    // direction. The driver's own anisotropic filter is not used: it has different results, with stray dots on
+    // llvmpipe. One texel per pixel must come out bit for bit, so errors of the derivatives may neither add a sample
+    // nor mix in the next level. OpenGL does not bound these errors; near the end of a patch of 2048 texels, they reach
+    // 1e-3.
     float taps = clamp(ceil(longer / max(min(x_texels, y_texels), 1.0) - 0.01), 1.0, most_samples);
     float lod = log2(longer / taps);
     lod = lod < 0.003 ? 0.0 : lod;
@@ -130,7 +131,7 @@ void main() {
     bool is_sky = gl_FragCoord.z < LEAST_DEPTH;
 #endif
 #if defined(DISPARITY) || defined(INVERSE_DEPTH) || defined(DEPTH)
-    // Derivatives are taken in all pixels alike, whether they show the sky or not.
+    // All pixels compute this, even those of the sky, since it takes derivatives.
     float here = inverse_depth_here();
 #endif
 #ifdef DISPARITY

@@ -11,16 +11,16 @@ layout(location = 3) in vec4 view_from_model_y;
 layout(location = 4) in vec4 view_from_model_z;
 layout(location = 5) in vec4 patch_from_uv;    // scale.xy, offset.xy
 layout(location = 6) in int layer;
-layout(location = 7) in int instance;          // its index in the scene, whatever the order of drawing
-layout(location = 8) in int sky;               // 1 for what is infinitely far away
+layout(location = 7) in int instance;          // the instance's index in the scene; the order of drawing may differ
+layout(location = 8) in int sky;               // 1 if the instance is infinitely far away
 
 out vec2 patch_coordinate;
 flat out int patch_layer;
 flat out int scene_instance;
-flat out int scene_triangle;  // the last corner's number is the triangle's, see ModelBuffers
+flat out int scene_triangle;  // the last corner and the triangle have the same number, see ModelBuffers
 out vec3 point;               // in view
 
-// Programs with other outputs draw the same triangles, at times to the same depths.
+// Several programs draw the same triangles, and must write the same depths.
 invariant gl_Position;
 
 #include "common_placement.glsl"

@@ -1,5 +1,5 @@
 #version 450 core
-// The mean of the factor x factor pixels that supersampling drew for each pixel.
+// For each pixel, the mean of the FACTOR x FACTOR pixels that supersampling has drawn.
 
 layout(binding = 0) uniform sampler2D fine;
 

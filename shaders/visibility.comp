@@ -2,10 +2,10 @@
 // Whether the other eye sees the point that a pixel of this eye shows.
 //
 // TILES judges 4 x 4 pixels at a time by the two disparity maps, and lists the tiles that are not wholly visible. FILL
-// writes the tiles of one kind. PIXELS judges the pixels of mixed tiles, and lists the undecided ones. TRACE walks from the
-// neighbouring pixels across their triangles to such a point. A pixel that no step writes is VISIBLE. So is a point behind
-// what shows at no pixel of the other view. Work lists keep the costly steps dense: llvmpipe runs eight invocations at a
-// time through both sides of every branch.
+// writes tiles whose pixels all have one value. PIXELS judges the pixels of mixed tiles, and lists the undecided
+// pixels. TRACE walks from the neighbouring pixels across their triangles to the point of an undecided pixel. A pixel
+// that no step writes is VISIBLE. So is a point that is hidden only by surfaces that no pixel of the other view shows.
+// Work lists keep the costly steps dense: llvmpipe runs eight invocations at a time through both sides of every branch.
 
 #include "common_constants.glsl"
 
@@ -20,13 +20,13 @@ layout(local_size_x = 16, local_size_y = 4) in;
 layout(local_size_x = 64) in;
 #endif
 
-layout(binding = 0) uniform sampler2D own_disparity;    // the wrap of both must be clamped
+layout(binding = 0) uniform sampler2D own_disparity;    // the wrap of both samplers must be clamped
 layout(binding = 1) uniform sampler2D other_disparity;
 
 layout(binding = 0, r8ui) writeonly uniform uimage2D visibility;
 
-// Work lists: mixed tiles, tiles of one kind (with a bit for hidden ones), pixels. An entry is a column and a row, since
-// processors divide slowly.
+// Work lists: mixed tiles, tiles of one value (HIDDEN is set if that is OCCLUDED), pixels. An entry is a column and a
+// row: with a single index, shaders would have to divide, which is slow.
 layout(std430, binding = 5) buffer Work {
     uint tiles;
     uint fills;
@@ -35,7 +35,7 @@ layout(std430, binding = 5) buffer Work {
     uint work[];
 };
 
-uniform uvec4 band;  // tiles: left column, first row, width and height of what is judged now
+uniform uvec4 band;  // the part of the image that is judged now: left column, first row, width and height, in tiles
 
 const uint UNDECIDED = 1u;
 
@@ -49,22 +49,23 @@ uvec2 unlisted(uint number) {
     return uvec2(number & 0x7FFFu, number >> 16);
 }
 
-// Largest difference, between two pixels of one smooth surface, of the other view's disparity from the point's.
+// Maximum difference between the point's disparity and the other view's, interpolated between two pixels of one smooth
+// surface.
 const float BEND_PX = 0.02;
 const float BEND_RELATIVE = 0.01;
-// Largest change of disparity from pixel to pixel that counts as one surface without a look at its triangles.
+// Maximum change of disparity from pixel to pixel that is accepted as one surface without tracing its triangles.
 const float STEEPEST = 2.0;
-// How much nearer a surface must be to hide a point: the uncertainty of float32.
+// A surface hides a point only if it is nearer by more than this: the rounding of float32.
 const float ROUNDING_PX = 1e-3;
 const float ROUNDING_RELATIVE = 2e-6;
 
-// Where the other eye would see a point, in its columns.
+// The column at which the other eye would see a point.
 float target_of(float column, float disparity_px) {
     precise float target = column + other_from_own * disparity_px;
     return target;
 }
 
-// Smallest disparity: that of points at infinity, or the lower end of the valid disparities.
+// The smallest valid disparity: that of infinity, or the lower limit of valid disparities.
 float far_px() {
     return max(least_px, -doffs_px);
 }
@@ -80,25 +81,25 @@ bool goes_on(float disparity_px, float between, vec2 beside) {
     return off < most && step < STEEPEST;
 }
 
-// Whether a surface of this 1 / Z is nearer than a point.
+// Whether a surface with this 1 / Z is nearer than a point with this disparity.
 bool is_before(float inverse_depth, float disparity_px) {
     float rounding_px = ROUNDING_PX + ROUNDING_RELATIVE * focal_baseline * abs(inverse_depth);
     return inverse_depth > 0.0 && focal_baseline * inverse_depth - doffs_px > disparity_px + rounding_px;
 }
 
-// Difference of disparity by which a surface above or below stands out, so that it may have an edge there.
+// A surface in the row above or below may hide the point only if its disparity exceeds the point's by this.
 const float EDGE_PX = 0.25;
-// Difference of disparity by which surfaces hide a point if all pixels around it are nearer.
+// A point is hidden if the disparities of all pixels around it exceed its own by this.
 const float CLEARLY_PX = 0.5;
-// Smallest difference of two pixels' disparities that may leave a gap between their surfaces.
+// If the disparities of two pixels differ by this, there may be a gap between their surfaces.
 const float GAP_PX = 0.25;
 
 bool is_outside(float disparity_px, float target, float last) {
     return disparity_px > LARGEST || target < -0.5 || target >= last + 0.5;
 }
 
-// Judges by the disparities of the other view's two pixels beside the point, and of the pixels above and below these. The
-// result does not depend on how pixels are grouped.
+// Judges by six disparities of the other view: of the two pixels beside the point, and of the pixels above and below
+// them. The result does not depend on how pixels are grouped.
 uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 below) {
     vec2 farthest = min(min(above, below), beside);
     precise float clearly = disparity_px + CLEARLY_PX;
@@ -108,7 +109,7 @@ uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 belo
     return goes_on(disparity_px, between, beside) ? VISIBLE : UNDECIDED;
 }
 
-// The four pixels around a corner of pixels: beside each other in the row above (w, z) and below (x, y) the corner.
+// The disparities of the four pixels that meet at a corner: left and right in the row above (w, z) and below (x, y).
 vec4 around(sampler2D disparity, vec2 corner) {
     return textureGather(disparity, corner / vec2(textureSize(disparity, 0)));
 }
@@ -174,7 +175,7 @@ void main() {
             all_of &= found;
         }
     }
-    // The values' bits: UNDECIDED is in none of the others but VISIBLE.
+    // Values are combined bit by bit: only VISIBLE contains the bit of UNDECIDED.
     if (any_of != all_of || any_of == UNDECIDED) {
         work[atomicAdd(tiles, 1u)] = listed(tile);
     } else if (any_of != VISIBLE) {
@@ -251,8 +252,8 @@ void main() {
         vec4 lower = around_far(vec2(left + 1.0, pixel.y + 1)), upper = around_far(vec2(left + 1.0, pixel.y));
         vec2 beside = lower.wz;
         float around[6] = {beside.x, beside.y, upper.w, upper.z, lower.x, lower.y};
-        // Surfaces that are farther by more than a surface rises within a pixel hide nothing, nor do surfaces in the rows
-        // above and below that are not nearer.
+        // A surface cannot hide the point if it is farther by more than a surface rises within a pixel. Nor can a
+        // surface in the rows above and below that is not nearer.
         float farthest = goes_on(disparity_px, target.x - left, beside) ? LARGEST : max(disparity_px - STEEPEST, far_px());
         // The surfaces to trace: a bit for each pixel around the point. A surface does not hide itself, and is traced once.
         uint open = 0u;

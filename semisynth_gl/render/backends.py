@@ -1,4 +1,4 @@
-"""The names of the backends; importing this module loads no OpenGL."""
+"""The names of the backends. Importing this module loads no OpenGL."""
 
 from typing import Literal, get_args
 

@@ -1,10 +1,10 @@
-"""The uniform block of all shaders: constants of the camera and the pass, packed once per pass."""
+"""Fills the uniform block that all shaders share: constants of the camera and the pass, packed once per pass."""
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame.camera import Eye
+from semisynth_gl.frame.camera import OTHER_EYE, Eye
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.scene.scene import Scene
 
@@ -24,7 +24,7 @@ CONSTANTS = np.dtype(
 )
 """The uniform block of common_constants.glsl, std140."""
 
-# LARGEST of common_constants.glsl; its negative is below every disparity.
+# LARGEST of common_constants.glsl; every disparity is above its negative.
 _LARGEST = 3e38
 
 
@@ -45,8 +45,8 @@ class ConstantsBuffer:
 
         Args:
             scene: the scene.
-            eye: the eye whose view is drawn or, in passes that compare two views, whose surfaces are followed.
-            projection: (4, 4) float64 clip_from_view; by default that of `clip_from_view`.
+            eye: the eye whose view is drawn; in passes that compare views, the other eye, where points are looked up.
+            projection: (4, 4) float64 clip_from_view; by default the result of `clip_from_view`.
         """
         camera, near_m = scene.camera, scene.near_of(eye)
         values = np.zeros((), CONSTANTS)
@@ -59,8 +59,9 @@ class ConstantsBuffer:
         values["doffs_px"] = camera.doffs_px
         values["near_m"] = near_m
         values["least_px"] = self._least_px
-        # x_right = x_left - d. The passes that use this value follow the other eye's surfaces, so "own" is not `eye`.
-        values["other_from_own"] = -1 if eye == "right" else 1
+        # Only passes that compare views use this value. They pass the other eye as `eye`. x_right = x_left - d.
+        own = OTHER_EYE[eye]
+        values["other_from_own"] = -1 if own == "left" else 1
         packed = values.tobytes()
         if packed != self._packed:
             self._buffer.orphan()

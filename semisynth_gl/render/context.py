@@ -27,19 +27,19 @@ _AFTER_FORK = (
     "drivers do not survive that: start it in another way, a DataLoader's workers with multiprocessing_context='spawn'"
 )
 
-# A backend needs one library of each group.
+# The libraries of each backend: it needs one of each group.
 _LIBRARIES = {"egl": (("libEGL.so.1",), ("libGL.so.1",)), "osmesa": (OSMESA_LIBRARIES,)}
-# Debian's packages for each backend; "auto" takes EGL first.
+# Debian's packages for each backend; "auto" tries EGL first.
 _PACKAGES = {"egl": "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6 libgl1"}
 
 
 @dataclass(frozen=True, slots=True)
 class GraphicsContext:
-    """An open context, made current and set up for reversed Z in [0, 1]."""
+    """An open context, which is current and set up for reversed Z in [0, 1]."""
 
     gl: moderngl.Context
     unbound: UnboundCalls  # calls that moderngl lacks
-    backend: Backend  # that opened the context, "egl" or "osmesa"
+    backend: Backend  # the backend that opened the context, "egl" or "osmesa"
     renderer: str  # the driver's name for itself (GL_RENDERER), for the provenance of every pair
     process: int  # id of the process that opened the context
     thread: int  # id of the thread that opened the context
@@ -56,9 +56,9 @@ class GraphicsContext:
 
     @property
     def corner_steps(self) -> int | None:
-        """The steps of a pixel to which the driver moves a triangle's corners before it interpolates between them.
+        """Number of steps in a pixel to which the driver rounds a triangle's corners before it interpolates.
 
-        None for llvmpipe, which moves them only to tell which pixels the triangle covers.
+        None for llvmpipe, which rounds them only to find the pixels that the triangle covers.
         """
         return None if self.software else 1 << int(self.gl.info["GL_SUBPIXEL_BITS"])
 
@@ -72,13 +72,13 @@ class GraphicsContext:
             )
 
     def release(self) -> None:
-        """Free the context and everything in it; in a process that was forked later, do nothing."""
+        """Free the context and everything in it; do nothing in a process that was forked after it was opened."""
         if self.process == os.getpid():
             self.gl.release()
 
 
 def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsContext:
-    """Open a headless context; "auto" takes EGL and falls back on OSMesa.
+    """Open a headless context; "auto" tries EGL, then OSMesa.
 
     ``device_index`` is EGL's number of the device, as ``semisynth-gl doctor`` lists it; OSMesa ignores it.
 
@@ -91,7 +91,7 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
         "osmesa": OSMesaContext,
     }
     if _opened_in - {os.getpid()}:
-        # The driver's threads were not forked, and the driver would wait for them for ever.
+        # A fork does not copy the driver's threads, for which the driver would wait for ever.
         raise BackendError(f"this process was forked from one that had opened OpenGL: {_AFTER_FORK}")
     load_before_driver()
     reasons = []
@@ -114,10 +114,10 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
 
 
 def check_libraries(backend: Backend) -> None:
-    """Check that a backend's libraries are there, in next to no time, before patches and models are prepared.
+    """Check quickly that a backend's libraries are installed, before patches and models are prepared.
 
     Raises:
-        BackendError: where libraries are missing and no context opens; see `open_context`.
+        BackendError: where libraries are missing and no context can be opened; see `open_context`.
         InputError: where there is no such backend.
     """
     load_before_driver()
@@ -134,7 +134,7 @@ def _loads(library: str) -> bool:
 
 
 def context_facts(backend: Backend) -> dict[str, str]:
-    """Open a context, and return its `GraphicsContext.facts` after closing it; errors are those of `open_context`."""
+    """Open a context, close it, and return its `GraphicsContext.facts`; raises as `open_context` does."""
     context = open_context(backend)
     facts = context.facts
     context.release()
@@ -163,6 +163,6 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
         raise BackendError(f"OpenGL 4.5 is needed, but {renderer} offers {version}: update the driver or Mesa")
     unbound = UnboundCalls(raw.load)
     unbound.set_up()
-    # moderngl asks for limits that some drivers do not know, which leaves errors behind.
+    # moderngl queries limits that some drivers do not know; this leaves errors behind.
     gl.clear_errors()
     return GraphicsContext(gl, unbound, backend, renderer, os.getpid(), get_ident())

@@ -1,4 +1,4 @@
-"""EGL's devices, and which of them is a GPU that the user names by CUDA's number."""
+"""Lists EGL's devices, and finds the device of a GPU, given CUDA's number of the GPU."""
 
 import ctypes
 import json
@@ -27,7 +27,7 @@ _VISIBLE = "CUDA_VISIBLE_DEVICES"
 class Device:
     """An EGL device."""
 
-    index: int  # EGL's number of the device, as ``device_index`` counts
+    index: int  # EGL's number of the device: ``device_index``
     software: bool  # whether it is Mesa's software device
     cuda: int | None = None  # CUDA's number among all GPUs of the machine; None where EGL does not say
     uuid: str | None = None  # "GPU-" and hexadecimal digits, as in CUDA_VISIBLE_DEVICES; None where EGL does not say
@@ -37,8 +37,8 @@ class Device:
 def egl_devices() -> tuple[Device, ...]:
     """List EGL's devices, in EGL's order (which is not CUDA's); empty where EGL is missing or cannot list devices.
 
-    CUDA_VISIBLE_DEVICES hides no device from EGL, but it changes the CUDA numbers that EGL reports: they count only the
-    visible GPUs, and those of hidden GPUs mean nothing. So where it is set, another process asks without it.
+    CUDA_VISIBLE_DEVICES hides no device from EGL, but it changes the CUDA numbers that EGL reports: only visible GPUs
+    are numbered, and the numbers of hidden GPUs mean nothing. So if the variable is set, a subprocess without it asks.
     """
     if _VISIBLE not in os.environ:
         return tuple(query_devices())
@@ -50,10 +50,10 @@ def egl_devices() -> tuple[Device, ...]:
 
 
 def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
-    """Return the EGL number of the device on which a worker draws, where workers are dealt out to GPUs in turn.
+    """Return the EGL number of the device on which a worker renders; workers are assigned to GPUs in turn.
 
-    ``gpus`` are CUDA's numbers. Without any, all workers draw on the first GPU that CUDA_VISIBLE_DEVICES shows, or on
-    EGL's first device where the variable is not set or EGL lists no CUDA device. ``worker`` counts from 0.
+    ``gpus`` are CUDA's numbers. If there are none, all workers render on the first GPU of CUDA_VISIBLE_DEVICES, or on
+    EGL's first device if the variable is not set or EGL lists no CUDA device. ``worker`` is numbered from 0.
 
     Raises:
         InputError: where CUDA has no such GPU, or EGL does not say which of its devices it is.
@@ -70,7 +70,7 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
     """Return the EGL number of a GPU.
 
     Args:
-        gpu: CUDA's number of the GPU, counted within ``visible``.
+        gpu: CUDA's number of the GPU among the ``visible`` ones.
         devices: EGL's devices.
         visible: the value of CUDA_VISIBLE_DEVICES: numbers, UUIDs, or beginnings of UUIDs; None where it is not set.
 
@@ -80,11 +80,11 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
     gpus = [device for device in devices if device.cuda is not None]
     if not gpus:
         raise InputError(
-            f"{gpu}: none of EGL's devices says which GPU of CUDA's it is. `semisynth-gl doctor` lists them; "
-            "NVIDIA's driver tells where its libEGL is installed",
+            f"{gpu}: none of EGL's devices says which CUDA GPU it is. `semisynth-gl doctor` lists the devices; "
+            "NVIDIA's driver says so where its libEGL is installed",
             argument="gpus",
         )
-    # CUDA ignores -1 and all entries behind it.
+    # CUDA ignores -1 and all entries after it.
     entries = takewhile("-1".__ne__, map(str.strip, (visible or "").split(",")))
     entry = str(gpu) if visible is None else dict(enumerate(entries)).get(gpu, "")
     found = [
@@ -100,7 +100,7 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
 
 
 def query_devices() -> list[Device]:
-    """List EGL's devices, with CUDA's numbers as this process's CUDA_VISIBLE_DEVICES makes them."""
+    """List EGL's devices, with CUDA's numbers under this process's CUDA_VISIBLE_DEVICES."""
     load_before_driver()
     try:
         egl = ctypes.CDLL("libEGL.so.1")
@@ -110,7 +110,7 @@ def query_devices() -> list[Device]:
     egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
 
     def function(name: bytes, result: Any, *types: Any) -> Any:  # noqa: ANN401 - ctypes has no common type
-        # False where EGL lacks the function.
+        # The result is false if EGL lacks the function.
         return ctypes.CFUNCTYPE(result, *types)(egl.eglGetProcAddress(name) or 0)
 
     handle, attribute, flag, number = ctypes.c_void_p, ctypes.c_int, ctypes.c_uint, ctypes.POINTER(ctypes.c_int)

@@ -1,4 +1,4 @@
-"""The drawing pass, which draws each eye's view of a scene; antialiased colour may take a separate pass."""
+"""The drawing pass: draws each eye's view of a scene, and antialiased colour in a separate pass where needed."""
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -16,10 +16,10 @@ from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import DrawRange
 from semisynth_gl.render.occlusion import Occlusion
 from semisynth_gl.render.options import OF_BOTH_VIEWS
-from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, SizedTargets
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
 from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.target_pool import COLOUR, DrawnPair, TargetPool
 from semisynth_gl.render.targets import EyeTargets, window
 from semisynth_gl.scene.scene import Scene
 
@@ -40,31 +40,31 @@ class DrawPass:
         self._edges = EdgePass(state, self._occlusion) if self._options.outlines else None
 
     def draw(
-        self, transforms: Sequence[InstanceTransforms], crop: Crop | None, sized: SizedTargets
+        self, transforms: Sequence[InstanceTransforms], crop: Crop | None, pool: TargetPool
     ) -> Iterator[DrawnPair]:
-        """Draw the pairs of a scene with one or more cameras, or the parts of them that a crop needs.
+        """Draw the pairs of a scene with one or more cameras, or the parts of the pairs that a crop needs.
 
-        The left view of several pairs is drawn once, with 1 / Z in place of the disparity.
+        Several pairs share one left view, which is drawn once, with 1 / Z in place of the disparity.
 
         Args:
             transforms: the scene's instances, with each of the cameras.
-            crop: the part of both images that the caller wants, or None.
-            sized: the targets of the image size.
+            crop: the part of both images that the caller wants, or None for all of it.
+            pool: the targets of the image size.
 
         Yields:
-            Each pair, to be read before the next one is asked for. Its views hold the antialiased image, if that takes
-            a separate pass, and the channels of the left view that an earlier pair has read.
+            Each pair; read it before asking for the next pair. Its views already hold the antialiased image, if that
+            has a separate pass, and the channels of the left view that were read for an earlier pair.
         """
         parts = {eye: self._part([each.scene for each in transforms], eye, crop) for eye in EYES}
         shared, names = len(transforms) > 1, self._attachments["left"]
         if shared:
             names = tuple("inverse_depth" if name == "disparity" else name for name in names)
-        left = sized.drawn("shared left" if shared else "left", names)
-        right = sized.drawn("right", self._attachments["right"])
+        left = pool.drawn("shared left" if shared else "left", names)
+        right = pool.drawn("right", self._attachments["right"])
         seen: dict[str, Any] = {}
         for each in transforms:
             self._find_light(each)
-            pair = DrawnPair(each, crop, sized, {"left": left, "right": right}, {"left": seen, "right": {}})
+            pair = DrawnPair(each, crop, pool, {"left": left, "right": right}, {"left": seen, "right": {}})
             if each is transforms[0]:
                 self._draw(pair, "left", parts["left"])
             if shared:
@@ -73,19 +73,19 @@ class DrawPass:
             yield pair
             seen = {name: read for name, read in seen.items() if name not in OF_BOTH_VIEWS}
 
-    def draw_image(self, transforms: InstanceTransforms, eye: Eye, sized: SizedTargets) -> NDArray[np.uint8]:
+    def draw_image(self, transforms: InstanceTransforms, eye: Eye, pool: TargetPool) -> NDArray[np.uint8]:
         """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""
         self._find_light(transforms)
         if self._options.factor > 1:
-            return self._draw_samples(transforms, eye, None, sized)
-        targets = sized.drawn("image", COLOUR)
+            return self._draw_samples(transforms, eye, None, pool)
+        targets = pool.drawn("image", COLOUR)
         self._draw_view(transforms, eye, None, targets)
         self._smooth(transforms, eye, targets, None)
         image: NDArray[np.uint8] = targets.read("colour")
         return image
 
     def _find_light(self, transforms: InstanceTransforms) -> None:
-        """Draw what the scene's projector reaches, if it has one."""
+        """Draw the depth map of the scene's projector, if it has one."""
         if self._light is not None:
             self._light.reach(transforms, self._draw_view)
 
@@ -99,9 +99,9 @@ class DrawPass:
         return self._gl.vertex_array(link_program(self._state.context, "whole_image.vert", "resolve.frag", defines), [])
 
     def _draw_disparity(self, scene: Scene, targets: EyeTargets, part: Crop | None) -> None:
-        """Work out the disparity of a shared left view, or a part of it, for the scene's camera.
+        """Compute the disparity of a shared left view, or a part of it, for the scene's camera.
 
-        The formula for 1 / Z is the drawing pass's own, so the result is the same bit for bit.
+        The drawing pass uses the same formula of 1 / Z, so the result is the same bit for bit.
         """
         assert targets.disparity is not None  # noqa: S101 - the targets are made with 1 / Z
         self._state.constants.write(scene, "left")
@@ -112,7 +112,7 @@ class DrawPass:
         self._disparity_pass.render(moderngl.TRIANGLES, 3)
 
     def _programs(self, names: tuple[str, ...], *, lit: bool = False) -> list[moderngl.Program]:
-        """Return the programs that draw to some attachments, one for each atlas; link missing ones."""
+        """Return the programs that draw to given attachments, one for each atlas; link programs that are missing."""
         for anisotropy in self._state.anisotropies:
             if (names, anisotropy, lit) not in self._linked:
                 self._linked[names, anisotropy, lit] = self._link(names, anisotropy, lit=lit)
@@ -133,18 +133,18 @@ class DrawPass:
         return program
 
     def _part(self, scenes: Sequence[Scene], eye: Eye, crop: Crop | None) -> Crop | None:
-        """Return the part of one eye's image that a crop needs in any of some scenes; None for the whole image.
+        """Return the part of one eye's image that a crop needs in any of the scenes; None for the whole image.
 
-        The part is larger than the crop where the other eye's points are looked up in it.
+        The part is larger than the crop if the visibility pass looks up the other eye's points in it.
         """
-        # Where a camera deviates, other rows are looked up, too.
+        # If a camera deviates, look-ups may reach any row.
         if crop is None or not all(scene.camera.rectified for scene in scenes):
             return None
-        # Pixels along edges take on colours of adjacent pixels.
+        # Antialiasing blends colours of adjacent pixels.
         left = right = border_px = 0 if self._edges is None else 1
         if self._options.visibility and OTHER_EYE[eye] in self._options.truth_eyes:
-            # No disparity is larger than the near plane's, and none is smaller than that of infinity. Look-ups reach
-            # one pixel farther to each side; another pixel is for rounding.
+            # Disparities lie between those of infinity and of the near plane. Look-ups reach one pixel farther to each
+            # side, and a second pixel is a margin for rounding.
             border_px = 2
             nearest = max(ceil(float(scene.camera.disparity_px(scene.near_m))) for scene in scenes)
             farthest = max(ceil(scene.camera.doffs_px) for scene in scenes) if self._options.signed else 0
@@ -156,12 +156,12 @@ class DrawPass:
         return Crop(x, y, x_end - x, y_end - y)
 
     def _draw(self, pair: DrawnPair, eye: Eye, part: Crop | None) -> None:
-        """Draw a part of one eye's view, or all of it; draw and read the image, too, if it takes a separate pass."""
+        """Draw a part of one eye's view, or all of it; also draw and read the image, if it has a separate pass."""
         if pair.eyes[eye].names:
             self._draw_view(pair.transforms, eye, part, pair.eyes[eye])
             self._smooth(pair.transforms, eye, pair.eyes[eye], pair.crop)
         if self._options.factor > 1:
-            pair.views[eye]["image"] = self._draw_samples(pair.transforms, eye, pair.crop, pair.sized)
+            pair.views[eye]["image"] = self._draw_samples(pair.transforms, eye, pair.crop, pair.pool)
 
     def _draw_view(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None, targets: EyeTargets) -> None:
         """Draw a part of one eye's view, or all of it, with one sample a pixel."""
@@ -177,22 +177,22 @@ class DrawPass:
         self._draw_models(targets, seen, transforms.scene, eye)
 
     def _smooth(self, transforms: InstanceTransforms, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
-        """Antialias what was just drawn along outlines, or a part of it, if the caller wants that."""
+        """Antialias what was just drawn along outlines, or a part of it, if the options ask for that."""
         if self._edges is not None:
-            # The light is still bound.
+            # The projector's light is still bound from the drawing.
             self._edges.draw(transforms, eye, targets, part, lit=transforms.scene.projector is not None)
 
     def _draw_samples(
-        self, transforms: InstanceTransforms, eye: Eye, crop: Crop | None, sized: SizedTargets
+        self, transforms: InstanceTransforms, eye: Eye, crop: Crop | None, pool: TargetPool
     ) -> NDArray[np.uint8]:
         """Draw one eye's colour, or a crop of it, with several samples a pixel; return the image."""
         factor = self._options.factor
-        fine = sized.drawn("fine", COLOUR, factor)
-        mean = sized.computed("mean", fine.attachments)
-        # All instances: those that are hidden at the centres of pixels may show between them.
+        fine = pool.drawn("fine", COLOUR, factor)
+        mean = pool.computed("mean", fine.attachments)
+        # Draw hidden instances, too: what is hidden at the centres of pixels may be visible between them.
         filled = self._state.models.fill(transforms, eye, crop)
         self._state.constants.write(transforms.scene, eye)
-        fine.limit(None if crop is None else Crop(*(factor * each for each in window(crop, sized.size))))
+        fine.limit(None if crop is None else Crop(*(factor * each for each in window(crop, pool.size))))
         fine.clear()
         self._draw_models(fine, filled, transforms.scene, eye)
         mean.limit(crop)

@@ -1,4 +1,4 @@
-"""Antialiasing along outlines: the colour beyond an edge is blended into the pixels through which the edge passes."""
+"""Antialiases outlines: blends the colour beyond an edge into the pixels through which the edge passes."""
 
 import moderngl
 import numpy as np
@@ -13,16 +13,19 @@ from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import EyeTargets, window
 
-WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("worn", "<f4", 4)])
-"""The struct Wearer of edges.geom, std430."""
+PATCHED_INSTANCE = np.dtype([
+    ("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4),
+    ("layer", "<f4"), ("atlas", "<f4"), ("side_texels", "<f4"), ("most_samples", "<f4"),
+])  # fmt: skip
+"""The struct PatchedInstance of edges.geom, std430."""
 
 _FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
 # Bindings of edges.geom.
-_VERTICES, _WEARERS, _STRIPS = 0, 5, 6
+_VERTICES, _INSTANCES, _STRIPS = 0, 5, 6
 # Texture units of edges.frag and edges.geom, after those of the atlases and of a projector's light.
 _DRAWN, _FARTHEST = 4, 5
-# In the place of what `Occlusion.farthest` returns, hides nothing.
-_NOTHING_NEARER = np.zeros((1, 1, 1, 1), np.float32)
+# Passed instead of the result of `Occlusion.farthest` if nothing is hidden.
+_NOTHING_HIDDEN = np.zeros((1, 1, 1, 1), np.float32)
 
 
 class EdgePass:
@@ -35,34 +38,35 @@ class EdgePass:
         self._anisotropies = np.array(state.anisotropies)
         self._outlines = Outlines(models.meshes, models.vertex_number)
         defines = {"LARGE": 1} if len(self._patches.ends) > 1 else {}
-        lights = [{}] if state.pattern is None else [{}, {"LIT": 1}]
-        self._programs = [
-            link_program(context, "edges.vert", "edges.frag", defines | lit, "edges.geom") for lit in lights
-        ]
-        self._vaos = [gl.vertex_array(program, []) for program in self._programs]
-        self._wearers = gl.buffer(reserve=_FEWEST_INSTANCES * WEARER.itemsize, dynamic=True)
+        lights: dict[bool, dict[str, int]] = {False: {}} if state.pattern is None else {False: {}, True: {"LIT": 1}}
+        self._programs = {
+            lit: link_program(context, "edges.vert", "edges.frag", defines | light, "edges.geom")
+            for lit, light in lights.items()
+        }
+        self._vaos = {lit: gl.vertex_array(program, []) for lit, program in self._programs.items()}
+        self._instances = gl.buffer(reserve=_FEWEST_INSTANCES * PATCHED_INSTANCE.itemsize, dynamic=True)
         self._strips = gl.buffer(reserve=_FEWEST_STRIPS * 16, dynamic=True)
         self._farthest = gl.texture_array((1, 1, 1), 1, dtype="f4")
 
     def draw(
         self, transforms: InstanceTransforms, eye: Eye, targets: EyeTargets, part: Crop | None, *, lit: bool
     ) -> None:
-        """Smooth the colour of one eye's targets, or a part of it; their depth must be that of the drawing pass.
+        """Smooth the colour of one eye's targets, or a part of it, by the depth that the drawing pass left there.
 
-        ``lit`` is whether a projector's light is bound for this eye; see `ProjectorLight.use`.
+        ``lit`` says whether a projector's light is bound for this eye; see `ProjectorLight.use`.
         """
         assert targets.blending is not None  # noqa: S101 - the targets are made for outlines
         # The sky has no outlines: there is nothing beyond it.
-        seen, farthest = np.flatnonzero(transforms.in_view(eye) & ~transforms.scene.sky), _NOTHING_NEARER
+        seen, farthest = np.flatnonzero(transforms.in_view(eye) & ~transforms.scene.sky), _NOTHING_HIDDEN
         if self._occlusion is not None:
             seen, farthest = self._occlusion.farthest(transforms, eye, part, targets, seen)
         strips = self._outlines.find(transforms, eye, seen)
         if not len(strips):
             return
         refill(self._strips, strips)
-        refill(self._wearers, self._worn(transforms, eye))
+        refill(self._instances, self._patched_instances(transforms, eye))
         self._vertices.bind_to_storage_buffer(_VERTICES)
-        self._wearers.bind_to_storage_buffer(_WEARERS)
+        self._instances.bind_to_storage_buffer(_INSTANCES)
         self._strips.bind_to_storage_buffer(_STRIPS)
         self._gl.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._gl.depth_func = ">"
@@ -72,8 +76,8 @@ class EdgePass:
         targets.blending.use(part, _DRAWN)
         self._use_farthest(farthest)
         program = self._programs[lit]
-        # One tile of the whole image stands for "nothing is hidden", so that edges.geom reads no other.
-        tile_px = max(targets.framebuffer.size) if farthest is _NOTHING_NEARER else occlusion.TILE_PX
+        # If nothing is hidden, a single tile covers the whole image, so edges.geom never indexes past it.
+        tile_px = max(targets.framebuffer.size) if farthest is _NOTHING_HIDDEN else occlusion.TILE_PX
         program["levels"], program["tile_px"] = farthest.shape[1], tile_px
         program["part"] = window(part, targets.framebuffer.size)
         self._vaos[lit].render(moderngl.POINTS, len(strips))
@@ -89,15 +93,15 @@ class EdgePass:
         self._farthest.write(layers)
         self._farthest.use(_FARTHEST)
 
-    def _worn(self, transforms: InstanceTransforms, eye: Eye) -> NDArray[np.void]:
-        """Return the numbers that edges.geom looks up for each instance, (N,) of `WEARER`."""
+    def _patched_instances(self, transforms: InstanceTransforms, eye: Eye) -> NDArray[np.void]:
+        """Return what edges.geom reads of each instance, (N,) of `PATCHED_INSTANCE`."""
         scene, ends = transforms.scene, self._patches.ends
-        wearers = np.zeros(len(scene), WEARER)
-        wearers["view_from_model"] = transforms.rows(eye)
-        wearers["patch_from_uv"] = transforms.patch_from_uv
+        instances = np.zeros(len(scene), PATCHED_INSTANCE)
+        instances["view_from_model"] = transforms.rows(eye)
+        instances["patch_from_uv"] = transforms.patch_from_uv
         atlas = np.searchsorted(ends, scene.layer, side="right")
-        wearers["worn"][:, 0] = scene.layer - np.concatenate([[0], ends])[atlas]
-        wearers["worn"][:, 1] = atlas
-        wearers["worn"][:, 2] = self._patches.sides_px[atlas]
-        wearers["worn"][:, 3] = self._anisotropies[atlas]
-        return wearers
+        instances["layer"] = scene.layer - np.concatenate([[0], ends])[atlas]
+        instances["atlas"] = atlas
+        instances["side_texels"] = self._patches.sides_px[atlas]
+        instances["most_samples"] = self._anisotropies[atlas]
+        return instances

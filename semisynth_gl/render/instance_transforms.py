@@ -1,4 +1,4 @@
-"""A scene's instances as the eyes see them: poses, composed in float64 relative to the eye."""
+"""Composes the poses of a scene's instances relative to the eyes, in float64."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,22 +13,22 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.projection import in_view
 from semisynth_gl.scene.scene import Scene
 
-# Patches repeat after two of them, mirrored or not, so larger offsets are reduced by multiples of two. Offsets of up to
-# 16 are kept: float32 holds them in steps of 1/2000 of a texel where patches have 512.
+# Mirrored or not, patches have a period of two patches, so larger offsets are reduced by multiples of two. Offsets up
+# to 16 are kept: float32 holds them in steps of 1/2000 of a texel if patches have 512 texels.
 _PERIOD, _NEAR_PATCHES = 2.0, 16.0
-# Smallest radius of an instance; instances as small as this cannot be seen.
+# Minimum radius of an instance; smaller instances would be invisible anyway.
 _LEAST_M = LEAST**2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InstanceTransforms:
-    """A scene's N instances as both eyes see them."""
+    """A scene's N instances, posed relative to the eyes."""
 
     scene: Scene
     view_from_model: NDArray[np.float64]  # (N, 4, 4) poses of the models relative to the left eye
-    radius_m: NDArray[np.float64]  # (N,) upper bound of an instance's reach from its centre
-    solid: NDArray[np.bool_]  # (N,) whether only fronts can be seen from outside
-    patch_from_uv: NDArray[np.float64]  # (N, 4) scale and offset, (u, v) each, for the models' UV
+    radius_m: NDArray[np.float64]  # (N,) upper bound of an instance's radius around its origin
+    solid: NDArray[np.bool_]  # (N,) whether all that can be seen from outside are fronts of triangles
+    patch_from_uv: NDArray[np.float64]  # (N, 4) scale (u, v) and offset (u, v) of the models' UV
 
     def rows(self, eye: Eye) -> NDArray[np.float64]:
         """Return the first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
@@ -43,12 +43,12 @@ class InstanceTransforms:
         return in_view(camera, eye, self.scene.near_of(eye), self.rows(eye)[:, :, 3], self.radius_m)
 
     def fronts_only(self, eye: Eye) -> NDArray[np.bool_]:
-        """Return which instances show one eye only fronts, (N,) bool: solid ones that the near plane does not cut."""
+        """Return of which instances one eye sees only fronts, (N,) bool: solid and not cut by the near plane."""
         return self.solid & (self.rows(eye)[:, 2, 3] - self.radius_m > self.scene.near_of(eye))
 
 
 class TransformComposer:
-    """Composes the transforms of scenes of these models; a model too small or large for float32 is an InputError."""
+    """Composes the transforms of scenes of these models; raises InputError for models beyond the range of float32."""
 
     def __init__(self, models: Sequence[Mesh]) -> None:
         self._radius = np.array([model.radius for model in models])
@@ -67,16 +67,16 @@ class TransformComposer:
         """
         view_from_model = scene.view_from_model()
         linear = view_from_model[:, :3, :3]
-        # The largest row sum of |A^T A| is an upper bound of the squared largest singular value, and equal to it if the
+        # The largest row sum of |A^T A| is an upper bound of the squared largest singular value. Both are equal if the
         # instance is scaled along its own axes and then rotated.
         stretch = np.sqrt(np.abs(linear.transpose(0, 2, 1) @ linear).sum(axis=2).max(axis=1, initial=0.0))
-        # A mirrored instance turns its backs outwards.
+        # In a mirrored instance, the backs of triangles face outwards.
         solid = self._solid[scene.model]
         solid[solid] = np.linalg.det(linear[solid]) > 0
         radius_m = self._radius[scene.model] * stretch
         reach_m = np.abs(view_from_model[:, :3, 3]).max(axis=1, initial=0.0) + radius_m
         _refuse(reach_m, reach_m > MOST, "reaches farther from the camera")
-        # The radius of a tiny instance may be 0, because squares of small numbers are.
+        # The radius of a tiny instance may be rounded to 0, since it is computed from squares.
         extended = (np.abs(linear).max(axis=(1, 2), initial=0.0) > 0) & (self._radius[scene.model] > 0)
         _refuse(radius_m, extended & (radius_m < _LEAST_M), "is smaller")
         return InstanceTransforms(scene, view_from_model, radius_m, solid, _patch_from_uv(scene))

@@ -34,7 +34,7 @@ COMMAND = np.dtype(
 """OpenGL's DrawElementsIndirectCommand."""
 
 _FEWEST_INSTANCES = 256
-# Texture units of common_triangles.glsl, number of triangles or instances in a row of a texture, and texels of each.
+# Texture units of common_triangles.glsl; triangles or instances per row of a texture; texels of each of them.
 _TRIANGLES, _TRACED = 4, 5
 _PER_ROW = 1024
 _TEXELS = 3
@@ -42,16 +42,16 @@ _TEXELS = 3
 
 @dataclass(frozen=True, slots=True)
 class DrawRange:
-    """A run of instances to draw that wear patches of one atlas."""
+    """A run of instances to draw, with patches of one atlas."""
 
     atlas: int  # number of the atlas
     first: int  # number of the first instance, in the order of drawing
-    fronts: int  # how many instances show only fronts; they come first
-    both_sides: int  # how many instances may show backs, too
+    fronts: int  # number of instances that show only fronts; they come first
+    both_sides: int  # number of instances that may show backs, too
 
 
 class ModelBuffers:
-    """The models of a renderer on the GPU, and room for the instances of one eye's draw.
+    """The models of a renderer on the GPU, and buffers for the instances of one eye's view.
 
     Args:
         gl: the context.
@@ -62,8 +62,7 @@ class ModelBuffers:
     Attributes:
         meshes: the meshes.
         vertices: buffer with x y z u v of each vertex, float32.
-        vertex_number: (V,) uint32, number in ``vertices`` of each vertex, where all models' vertices are counted
-            through.
+        vertex_number: (V,) uint32, number in ``vertices`` of each vertex of the models, one model after the other.
         filled: (N,) int64, the scene's instances that `fill` has uploaded, in the order of drawing.
     """
 
@@ -105,8 +104,9 @@ class ModelBuffers:
     def fill(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None = None) -> list[DrawRange]:
         """Upload the instances that one eye may see in a part of its image, or all of it; return runs to draw in order.
 
-        Atlases follow each other, with large patches last, since walls hide least. Within an atlas, instances that show
-        only fronts come before the others, and near instances before far ones, so that hidden surfaces are not shaded.
+        There is a run for each atlas; large patches come last, since walls hide least. Within a run, instances that
+        show only fronts come first. Among them, and among the rest, near instances come before far instances, so that
+        hidden surfaces are not shaded.
         """
         scene, view_from_model = transforms.scene, transforms.rows(eye)
         # The sky is never too near, so it is always uploaded.
@@ -143,12 +143,12 @@ class ModelBuffers:
         first_triangle: NDArray[np.int64] | None = None,
         triangles: NDArray[np.int64] | None = None,
     ) -> list[DrawRange]:
-        """Choose from the instances that `fill` has uploaded, until it is called again; return what to draw instead.
+        """Choose some of the instances that `fill` has uploaded, until its next call; return the runs to draw instead.
 
         Args:
-            filled: what `fill` returned.
-            numbers: (S,) ascending places of the chosen instances in the order of drawing; an instance may be repeated.
-            first_triangle: (S,) first triangle to draw, counted within the model; None to draw all triangles.
+            filled: the result of `fill`.
+            numbers: (S,) ascending positions of the chosen instances in the order of drawing; repeats are allowed.
+            first_triangle: (S,) first triangle to draw, as its number in the model; None to draw all triangles.
             triangles: (S,) number of triangles to draw; None to draw all.
         """
         commands = self._filled_commands[numbers]
@@ -167,7 +167,7 @@ class ModelBuffers:
         """Draw a run of uploaded instances into the framebuffer in use."""
         if filled.fronts:
             self._gl.enable(moderngl.CULL_FACE)
-            # Image rows run downwards in the window, which mirrors the sense of rotation.
+            # In the window, image rows run downwards, which reverses the sense of rotation.
             self._gl.front_face = "cw"
             self._vao(program).render_indirect(self._commands, moderngl.TRIANGLES, filled.fronts, first=filled.first)
             self._gl.disable(moderngl.CULL_FACE)
@@ -232,11 +232,11 @@ def _corners(models: Sequence[Mesh]) -> NDArray[np.uint32]:
 def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Repeat vertices so that vertex t is the last corner of triangle t, and of no other triangle.
 
-    A vertex shader then knows the triangle, since flat outputs are those of the last vertex. gl_PrimitiveID would say
-    it, too, but makes llvmpipe take all triangles apart.
+    A vertex shader can then output the triangle's number, since flat outputs are those of the last vertex. With
+    gl_PrimitiveID, llvmpipe would split the mesh into single triangles.
 
     Returns:
-        (V,) the old number of each new vertex, and (T, 3) the same triangles, in the same order, by new numbers.
+        (V,) the old number of each new vertex, and (T, 3) the same triangles in the same order, with new numbers.
     """
     number = np.arange(len(triangles))
     is_last = np.zeros(vertices, bool)
@@ -244,7 +244,7 @@ def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArra
     source = np.concatenate([triangles[:, 2], np.flatnonzero(~is_last)])
     by_source = np.argsort(source, kind="stable")
     result = number.repeat(3).reshape(-1, 3)
-    # Take the latest copy before the triangle's own corner, else the next one: it may still be in the driver's cache.
+    # Use the copy just before the triangle's own corner, else the copy just after it: the driver's cache may hold it.
     key = source[by_source] * len(source) + by_source
     before = np.searchsorted(key, triangles[:, :2] * len(source) + number[:, None]) - 1
     result[:, :2] = by_source[before + (source[by_source[before]] != triangles[:, :2])]
@@ -252,7 +252,7 @@ def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArra
 
 
 def refill(buffer: moderngl.Buffer, rows: NDArray[Any]) -> None:
-    """Replace the content of a buffer; the buffer grows where the rows need more room, and never shrinks."""
+    """Replace the content of a buffer. The buffer grows if the rows need more space, and never shrinks."""
     buffer.orphan(2 * rows.nbytes if rows.nbytes > buffer.size else -1)
     if len(rows):
         buffer.write(rows)
@@ -263,7 +263,7 @@ def _format(program: moderngl.Program, dtype: np.dtype[Any], suffix: str) -> tup
     parts, names = [], []
     for field in dtype.names or ():
         kind, shape = dtype[field].base.kind, dtype[field].shape
-        # A field of shape (3, 4) stands for three vec4, the rows of a matrix.
+        # A field of shape (3, 4) is three vec4 attributes, the rows of a matrix.
         rows = [f"{field}_{axis}" for axis in "xyz"] if shape == (3, 4) else [field]
         for name in rows:
             known, count = program.get(name, None) is not None, shape[-1] if shape else 1

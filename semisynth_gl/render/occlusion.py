@@ -1,8 +1,8 @@
-"""Leaves hidden triangles out of the drawing, where the processor draws and there are many triangles.
+"""Finds hidden triangles, so that a software driver need not draw them in scenes of many triangles.
 
-The instances that cover most of the image with the fewest triangles are drawn first, only into the depth buffer.
-Instances, and runs of their triangles, whose bounding boxes certainly lie behind this depth cannot show in any pixel:
-the images are the same without them, bit for bit. Everything else is drawn in the usual order.
+First, the instances that cover the largest part of the image with the fewest triangles are drawn, only into the depth
+buffer. Instances, and runs of their triangles, whose bounding boxes certainly lie behind this depth are not visible in
+any pixel: the images are the same without them, bit for bit. Everything else is drawn in the usual order.
 """
 
 from collections.abc import Sequence
@@ -20,19 +20,19 @@ from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import EyeTargets, window
 
-# Fewest triangles in view for which finding hidden ones takes less time than drawing them.
+# Minimum number of triangles in view: with fewer triangles, the search for hidden triangles does not pay.
 _FEWEST_TRIANGLES = 150_000
-# Largest share of the triangles in view that is drawn first to hide others.
+# Maximum share of the triangles in view that is drawn first to hide others.
 _HIDING = 0.05
-# Triangles of a run, and side of a tile.
+# Number of triangles in a run, and side of a tile.
 _RUN_TRIANGLES = 128
 TILE_PX = 16
-# Margins for rounding: of positions in the image, and of depth as a share.
+# Margins for rounding: of positions in the image, and of depth, as a share.
 _BORDER_PX = 1
 _ROUNDING = 1e-3
-# Offset that puts the depth that is drawn first farther away, by 1 / 1024 to 1 / 2048 of a triangle's largest depth.
+# Polygon offset that moves the first depth away, by 1 / 1024 to 1 / 2048 of a triangle's largest depth.
 _BEHIND_ULP = -8192.0
-# Most by which strips along outlines are nearer than their surface; see edges.geom.
+# Maximum factor by which strips along outlines are nearer than their surface; see edges.geom.
 _STRIPS_NEARER = 1.032
 _WHICH_END = np.indices((2, 2, 2)).reshape(3, 8).T
 
@@ -42,14 +42,14 @@ class _Runs:
     """The triangles of all M models in R runs of about 128, model by model."""
 
     corners: NDArray[np.float64]  # (R, 8, 3) corners of the runs' bounding boxes, in model units
-    first_triangle: NDArray[np.int64]  # (R,) first triangle of each run, counted within the model
-    triangles: NDArray[np.int64]  # (R,) how many triangles each run has
+    first_triangle: NDArray[np.int64]  # (R,) first triangle of each run, as its number in the model
+    triangles: NDArray[np.int64]  # (R,) number of triangles of each run
     first: NDArray[np.int64]  # (M,) the first run of each model
-    count: NDArray[np.int64]  # (M,) how many runs each model has
+    count: NDArray[np.int64]  # (M,) number of runs of each model
 
 
 class Occlusion:
-    """Finds instances and triangles that are hidden."""
+    """Finds hidden instances and triangles."""
 
     def __init__(self, state: RenderState) -> None:
         context, models = state.context, state.models.meshes
@@ -83,10 +83,10 @@ class Occlusion:
         targets: EyeTargets,
         filled: Sequence[DrawRange],
     ) -> Sequence[DrawRange]:
-        """Leave hidden instances and triangles out of the runs ``filled`` that `ModelBuffers.fill` returned.
+        """Return runs to draw instead of ``filled``, the result of `ModelBuffers.fill`, without what is hidden.
 
-        The constants of the eye's drawing pass must be bound. The depth of its targets is overwritten, unless there are
-        so few triangles that ``filled`` itself is returned.
+        The constants of the eye's drawing pass must be bound. With few triangles, ``filled`` itself is returned; else
+        the depth of the eye's targets is overwritten.
         """
         shown = self._models.filled
         model = transforms.scene.model[shown]
@@ -109,7 +109,7 @@ class Occlusion:
         boxes = _boxes(transforms, eye, part, rows[number], runs.corners[run])
         seen = ~_hidden(farthest, size, boxes) | sky[number]
         number, run = number[seen], run[seen]
-        # Runs that follow each other are drawn as one.
+        # Merge successive runs into one.
         begin = np.flatnonzero(np.diff(number, prepend=-1).astype(bool) | (np.diff(run, prepend=-1) != 1))
         drawn = np.add.reduceat(runs.triangles[run], begin) if len(begin) else runs.triangles[:0]
         return self._models.select(filled, number[begin], runs.first_triangle[run[begin]], drawn)
@@ -117,7 +117,7 @@ class Occlusion:
     def farthest(
         self, transforms: InstanceTransforms, eye: Eye, part: Crop | None, targets: EyeTargets, seen: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """Leave instances out whose outlines lie behind everything that was drawn to the targets.
+        """Drop instances whose outlines lie behind everything that was drawn to the targets.
 
         Args:
             transforms: the scene's instances.
@@ -127,7 +127,7 @@ class Occlusion:
             seen: (N,) numbers of instances.
 
         Returns:
-            Those of ``seen`` that are left, and what `_farthest` returns for the drawn depth.
+            The remaining numbers of ``seen``, and the result of `_farthest` for the drawn depth.
         """
         farthest = _farthest(targets.read_depth(part))
         corners = self._corners[transforms.scene.model[seen]]
@@ -140,7 +140,7 @@ class Occlusion:
         self._unbound.clear_depth(0.0)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
-        # All that is drawn later must pass the depth test, even the same surfaces and others at the same depth.
+        # Everything that is drawn later must pass the depth test, even these surfaces and surfaces at the same depth.
         self._gl.polygon_offset = 0.0, _BEHIND_ULP
         for own in filled:
             self._models.draw(self._program, own)
@@ -156,7 +156,7 @@ def _corners(low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.
 def _boxes(
     transforms: InstanceTransforms, eye: Eye, part: Crop | None, rows: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return bounds, in an eye's image, of the content of N boxes.
+    """Return bounds of N boxes in an eye's image.
 
     Args:
         transforms: the scene's instances.
@@ -166,8 +166,8 @@ def _boxes(
         corners: (N, 8, 3) corners of the boxes, in model units.
 
     Returns:
-        (5, N): left, top, right and bottom, px of the part, and the largest depth (near / Z), which is infinite where
-        the near plane cuts a box open.
+        (5, N): left, top, right and bottom, px of the part, and the largest depth (near / Z). The depth is infinite if
+        the near plane cuts a box.
     """
     scene = transforms.scene
     camera = scene.camera if part is None else scene.camera.cropped(part)
@@ -182,9 +182,9 @@ def _boxes(
 
 
 def _most_area(boxes: NDArray[np.float64], size: tuple[int, int], triangles: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Choose the instances that cover most of the image, by their boxes, with a limited share of the triangles."""
+    """Choose the instances whose boxes cover the largest part of the image, with a limited share of the triangles."""
     (left, right), (top, bottom) = (boxes[[0, 2]].clip(0, size[0]), boxes[[1, 3]].clip(0, size[1]))
-    # Instances that the near plane cuts open surround all others, as walls do, so they hide none of them.
+    # An instance that the near plane cuts may surround all others, as walls do, so it hides nothing.
     depth = np.where(np.isfinite(boxes[4]), boxes[4], 0.0)
     order = np.argsort(-depth * (right - left) * (bottom - top) / triangles, kind="stable")
     chosen = np.zeros(len(triangles), bool)
@@ -193,9 +193,9 @@ def _most_area(boxes: NDArray[np.float64], size: tuple[int, int], triangles: NDA
 
 
 def _farthest(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the smallest depth (near / Z) of blocks of 2 ** a x 2 ** b tiles, by first tile: (a, b, row, column)."""
+    """Return the smallest depth (near / Z) of each block of 2 ** a x 2 ** b tiles, indexed by [a, b] and first tile."""
     height, width = depth.shape
-    # Reduce rows first: the processor does this for eight pixels at a time.
+    # Reduce rows first, which the processor does for eight pixels at a time.
     strips = np.stack([depth[row : row + TILE_PX].min(axis=0) for row in range(0, height, TILE_PX)])
     tiles = np.minimum.reduceat(strips, np.arange(0, width, TILE_PX), axis=1)
     rows, columns = tiles.shape
@@ -211,7 +211,7 @@ def _farthest(depth: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _hidden(farthest: NDArray[np.float32], size: tuple[int, int], boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which boxes lie behind everything in the tiles that they may reach, or beside the image: (N,) bool.
+    """Return which boxes lie behind everything in the tiles that they overlap, or outside the image: (N,) bool.
 
     ``farthest`` comes from `_farthest`, and ``boxes`` (5, N) from `_boxes`; ``size`` is the part's width and height.
     """

@@ -1,4 +1,4 @@
-"""A renderer's options: the channels and views that it makes of every pair, and what it has to draw for them."""
+"""A renderer's options: the channels and views that it makes of every pair, and the passes that these need."""
 
 import re
 from collections.abc import Collection
@@ -26,11 +26,11 @@ from semisynth_gl.inputs.errors import InputError, shown
 _OF_MOTIONS = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
 
 OF_BOTH_VIEWS = frozenset({"disparity", "visibility", "correspondence", "disparity_change"})
-"""The channels of a view that depend on the other eye; pairs that share a view share its other channels."""
+"""The channels of a view that depend on the other eye. Pairs that share a view share all its other channels."""
 
 
 def pass_of(channel: Channel[Any]) -> str:
-    """Return the pass that writes a channel; the renderer leaves those of "lens" to the caller."""
+    """Return the pass that writes a channel. The renderer does not make the channels of "lens"; the caller does."""
     if channel.name in LENS_OUTPUTS:
         return "lens"
     if channel.output in FLOW_OUTPUTS:
@@ -47,12 +47,12 @@ def attachment_of(channel: Channel[Any]) -> str:
 class RenderOptions:
     """The options of a renderer; see also the arguments of `Renderer`."""
 
-    outputs: frozenset[str]  # to make beside images and disparities
+    outputs: frozenset[str]  # the outputs to make besides images and disparities
     truth_eyes: tuple[Eye, ...]  # the eyes whose views have disparity and outputs
     rectified: bool  # whether all right cameras are rectified
     signed: bool  # whether disparities of 0 and below are valid
     outlines: bool  # whether colour is antialiased along outlines
-    factor: int  # how many times wider and higher colour is drawn for supersampling; 1 for none
+    factor: int  # factor of the width and height at which colour is drawn for supersampling; 1 for none
 
     @classmethod
     def of(cls, outputs: Collection[str], truth: TruthViews, antialias: str, *, rectified: bool, signed: bool) -> Self:
@@ -67,7 +67,7 @@ class RenderOptions:
             check_one_of("outputs", output, DRAWN_OUTPUTS)
         if not rectified and "disparity_change" in outputs:
             raise InputError(
-                "the output disparity_change needs rectified pairs: leave it out, or let no right camera deviate"
+                "the output disparity_change needs rectified pairs: drop this output, or let no right camera deviate"
             )
         check_one_of("truth", truth, TRUTH_VIEWS)
         eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
@@ -117,7 +117,7 @@ class RenderOptions:
         flow = own and self.flow
         # Exceptions: a later pass needs the attachment, or another pass draws it.
         needed = {
-            "colour": self.factor == 1,  # else it is drawn once more, in separate targets
+            "colour": self.factor == 1,  # with supersampling, colour is drawn to separate targets
             "disparity": own or self.visibility,
             "depth": flow or self.corresponds or (own and "depth" in self.outputs),
             "surface": self.visibility or flow or self.corresponds,

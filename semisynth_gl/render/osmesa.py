@@ -32,12 +32,14 @@ class OSMesaContext:
     """A current OSMesa context of OpenGL 4.5 core, with a 1 x 1 default framebuffer: everything is drawn off screen.
 
     Raises:
-        BackendError: where the library is missing or does not offer OpenGL 4.5.
+        BackendError: where the library is missing, too old, or does not offer OpenGL 4.5.
     """
 
     def __init__(self) -> None:
         library = _load_library()
-        create = library.OSMesaCreateContextAttribs
+        create = getattr(library, "OSMesaCreateContextAttribs", None)
+        if create is None:
+            raise BackendError("OSMesa is older than Mesa 12, and cannot offer OpenGL 4.5: update Mesa")
         create.restype = ctypes.c_void_p
         create.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
         library.OSMesaGetProcAddress.restype = ctypes.c_void_p
@@ -62,7 +64,7 @@ class OSMesaContext:
             raise BackendError("OSMesa could not make its context current")
 
     def load(self, name: str) -> int:
-        """Return the address of an OpenGL function, 0 where OSMesa lacks it."""
+        """Return the address of an OpenGL function; 0 if OSMesa lacks the function."""
         return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
     def __enter__(self) -> Self:
@@ -70,7 +72,7 @@ class OSMesaContext:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the context current: whoever draws with another context makes that one current."""
+        """Leave the context current: code that draws with a different context makes that context current first."""
 
     def release(self) -> None:
         """Destroy the context; a second call does nothing."""

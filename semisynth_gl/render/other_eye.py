@@ -1,16 +1,16 @@
-"""The passes that compare both eyes' views: which points of one view the other eye sees, and where."""
+"""The passes that compare both eyes' views: whether and where the other eye sees the points of one view."""
 
 import numpy as np
 
 from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
 from semisynth_gl.frame.channels import VISIBLE
-from semisynth_gl.render.listed_steps import ListedSteps
-from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.target_pool import DrawnPair
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY, Targets
+from semisynth_gl.render.work_list_steps import WorkListSteps
 
 _TILE_PX = 4
-# Work-list entries that the visibility pass may need for a tile: two for the tile, and one for each of its pixels.
+# Maximum number of work-list entries of a tile in the visibility pass: two for the tile, and one for each pixel.
 _ENTRIES = 2 + _TILE_PX**2
 
 
@@ -19,11 +19,11 @@ class VisibilityPass:
 
     def __init__(self, state: RenderState) -> None:
         self._state = state
-        self._steps = ListedSteps(state.context, "visibility.comp", 4, _TILE_PX, _ENTRIES)
+        self._steps = WorkListSteps(state.context, "visibility.comp", 4, _TILE_PX, _ENTRIES)
 
     def draw(self, pair: DrawnPair, eye: Eye) -> None:
         """Fill the targets of one eye's visibility, or a crop of them, from both eyes' disparities and surfaces."""
-        targets, other = pair.sized.computed(f"visibility {eye}", VISIBILITY), OTHER_EYE[eye]
+        targets, other = pair.pool.computed(f"visibility {eye}", VISIBILITY), OTHER_EYE[eye]
         targets.limit(pair.crop)
         targets.bind_to_images(visibility=0)
         pair.eyes[eye].bind(disparity=0, surface=2)
@@ -36,20 +36,20 @@ class VisibilityPass:
 
 
 class CorrespondencePass:
-    """Finds where the other eye sees the points that one eye sees, even if right cameras deviate; see flow.comp."""
+    """Computes where the other eye sees the points that one eye sees, even if right cameras deviate; see flow.comp."""
 
     def __init__(self, state: RenderState) -> None:
         self._state = state
         # Tiles are single pixels, and there is one list of them.
-        self._steps = ListedSteps(state.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
+        self._steps = WorkListSteps(state.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
 
     def draw(self, pair: DrawnPair, eye: Eye) -> Targets:
-        """Find the correspondences of one eye's view; return the targets that hold them until the next call.
+        """Compute the correspondences of one eye's view; return the targets of `CORRESPONDENCE`.
 
-        The targets are those of `CORRESPONDENCE`. In a rectified pair the correspondences follow from the view's
-        disparities, and the disparity and the visibility of the targets are not needed: other passes find better ones.
+        The next call overwrites the targets. In a rectified pair, the correspondences are computed from the view's
+        disparities, and the targets' disparity and visibility are not used: other passes compute these better.
         """
-        targets = pair.sized.computed("correspondence", CORRESPONDENCE)
+        targets = pair.pool.computed("correspondence", CORRESPONDENCE)
         scene, camera, other = pair.transforms.scene, pair.transforms.scene.camera, OTHER_EYE[eye]
         self._steps.set("rectified", camera.rectified)
         self._steps.set("turn_and_shift", _turn_and_shift(camera, eye))
@@ -66,7 +66,7 @@ class CorrespondencePass:
 
 
 def _turn_and_shift(camera: StereoCamera, eye: Eye) -> list[tuple[float, ...]]:
-    """Return the three rows of R - 1 and the shift that lead from one eye's frame to the other eye's."""
+    """Return the three rows of R - 1 and the shift of the transform from one eye's frame to the other eye's."""
     other = OTHER_EYE[eye]
     own_turn, other_turn = (np.eye(3) if turn is None else turn for turn in (camera.turn(eye), camera.turn(other)))
     shift = other_turn @ (camera.offset_m(eye) - camera.offset_m(other), 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""The outlines of models: edges where a surface ends for an eye, at its borders or where it turns away."""
+"""Finds the outlines of models: edges where a surface ends for an eye, at its border or where it turns away."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,24 +12,23 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import MeshEdges, find_edges
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 
-# Largest number of edges of instances that are tested at once. BLAS takes one thread for so few: more spin in vain.
+# Maximum number of edges of instances that are tested at once. For so few, BLAS uses one thread; more would only spin.
 _MOST_AT_ONCE = 2**16
 
 
 class Outlines:
     """Finds the outlines in scenes that are made of these models.
 
-    ``vertex_number`` (V,) uint32 has the number that results use for each vertex, where all models' vertices are
-    counted through.
+    ``vertex_number`` is that of `ModelBuffers`; results use its numbers.
     """
 
     def __init__(self, models: Sequence[Mesh], vertex_number: NDArray[np.uint32]) -> None:
         self._models = models
         ends = np.cumsum([len(mesh.positions) for mesh in models])
         self._vertex_number = np.split(vertex_number, ends[:-1])
-        # Edges are found at a model's first use, since many libraries have models that no scene uses.
+        # Edges are found when a model is first used, since libraries may have many models that no scene uses.
         self._edges: dict[int, MeshEdges] = {}
-        # All of these edges, one model after the other, and the number of each model's first one.
+        # These edges as arrays, one model after the other, and the number of each model's first edge.
         self._corners = np.zeros((2, 0, 3), np.uint32)
         self._below, self._border = np.zeros((2, 0), bool), np.zeros(0, bool)
         self._first: dict[int, int] = {}
@@ -43,11 +42,11 @@ class Outlines:
             seen: (M,) the instances' numbers.
 
         Returns:
-            (N, 4) uint32: the instance, and three vertices of the triangle in front of the edge: the edge's begin, its
-            end, and the opposite corner.
+            (N, 4) uint32: the instance, and the vertices of the triangle in front of the edge: the begin of the edge,
+            its end, and the opposite corner.
         """
         scene, rows = transforms.scene, transforms.rows(eye)
-        # Outlines in front must cover outlines behind. The order, as in the drawing, follows the far ends of instances.
+        # Near outlines must cover far outlines. Instances are ordered by their far ends, as in the drawing.
         seen = seen[np.argsort(-(rows[seen, 2, 3] + transforms.radius_m[seen]), kind="stable")]
         eyes, model = _eyes(rows[seen]), scene.model[seen]
         self._add_edges(model)
@@ -61,7 +60,7 @@ class Outlines:
                 belows.append(below)
         place, edge, below = np.concatenate(places), np.concatenate(edges), np.concatenate(belows)
         eye_below, only_fronts = below ^ (eyes[place, 3] < 0), transforms.solid[seen][place]
-        # The side in front separates the eye from the other one.
+        # A triangle is in front of the edge's other triangle if its plane separates the eye from that triangle.
         first = self._border[edge] | (eye_below != self._below[0, edge])
         second = ~first & (eye_below != self._below[1, edge])
         first &= ~(only_fronts & below)
@@ -76,7 +75,7 @@ class Outlines:
         return strips
 
     def _add_edges(self, models: NDArray[np.int64]) -> None:
-        """Find the edges of models that were not used before."""
+        """Find the edges of models that are used for the first time."""
         missing = set(models.tolist()) - self._edges.keys()
         for model in missing:
             edges = find_edges(self._models[model])
@@ -91,10 +90,10 @@ class Outlines:
 
 
 def _eyes(rows: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the eye's place in M models' units, from rows (M, 3, 4) of view_from_model: (M, 4) float32, homogeneous.
+    """Return the eye's position in the units of M models, given rows (M, 3, 4) of view_from_model: (M, 4) float32.
 
-    The first three columns are the place times w, the last is w. A matrix that flattens a flat model needs no special
-    case in this form.
+    Positions are homogeneous: three coordinates times w, and w. So singular matrices of flat models need no special
+    case.
     """
     x, y, z, shift = (np.ascontiguousarray(column) for column in rows.transpose(2, 1, 0))
     adjugate = [_cross(y, z), _cross(z, x), _cross(x, y)]
@@ -111,13 +110,13 @@ def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
 def _alike_sides(
     edges: MeshEdges, eyes: NDArray[np.float32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Choose the edges of M instances of a mesh whose adjacent triangles both lie on one side of the edge for an eye.
+    """Choose the edges of M instances of a mesh whose adjacent triangles are both fronts or both backs for an eye.
 
-    ``eyes`` (M, 4) is the eye's place, from `_eyes`.
+    ``eyes`` (M, 4) comes from `_eyes`.
 
     Returns:
         The numbers of instances and of edges, (N,) int64 each, and whether the eye is behind the planes of both
-        triangles, (N,) bool; where w is negative, whether it is not.
+        triangles, (N,) bool; if w is negative, whether it is in front of them.
     """
     below = (eyes * np.array([-1, -1, -1, 1], np.float32)) @ edges.plane > 0
     chosen = np.flatnonzero(below[0] == below[1])

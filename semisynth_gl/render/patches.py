@@ -1,4 +1,4 @@
-"""Patches on the GPU: a texture array, the atlas, for each size of patch; patches are counted through all atlases."""
+"""Patches on the GPU: one texture array, an atlas, for each patch size. Patch numbers run on from atlas to atlas."""
 
 from collections.abc import Sequence
 
@@ -19,11 +19,11 @@ class PatchTextures:
     Args:
         context: the context.
         atlases: A arrays, all (L, P, P, 4) uint8 RGBA or all (L, P, P) uint8 grey; row 0 is the top.
-        mirrored: whether a patch continues beyond its border as its mirror image; else it repeats.
+        mirrored: whether a patch is mirrored beyond its border; else it repeats.
 
     Attributes:
-        grey: whether the atlases are grey; shaders then see the grey values in the first component.
-        ends: (A,) int64, number of patches in each atlas and all before it; `Scene.layer` counts through all atlases.
+        grey: whether the atlases are grey; shaders then read the grey values from the first component.
+        ends: (A,) int64, number of patches in each atlas and all atlases before it, by which `Scene.layer` is split.
         sides_px: (A,) int64, side of each atlas's patches.
 
     Raises:
@@ -53,7 +53,7 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
             f"the patch atlas has {counted(count, 'patch')} of {side} px, but {context.renderer} holds {most} of up to "
             f"{widest} px: lower textures.max_patches, textures.patch_px or textures.large_px"
         )
-    # moderngl makes only the texture; its own storage has no room for smaller levels.
+    # moderngl only creates the texture object. We allocate its storage, since moderngl's has no mipmap levels.
     atlas = context.gl.texture_array((1, 1, 1), 4)
     context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers), software=context.software)
     _draw_levels(context, atlas, side, count)
@@ -64,16 +64,16 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
 
 
 def _draw_levels(context: GraphicsContext, atlas: moderngl.TextureArray, side: int, count: int) -> None:
-    """Draw the smaller levels of an atlas, each from the next larger one.
+    """Draw the smaller levels of an atlas, each from the next larger level.
 
-    The bytes equal those of llvmpipe's own mipmaps. For these it would compile code in each new context, which takes
-    longer than everything else in opening a renderer; the shaders used here come from its cache.
+    The bytes equal those of llvmpipe's own mipmaps. But llvmpipe compiles its mipmap code again in each context, which
+    dominates the time to open a renderer. It caches our shaders instead.
     """
     gl, unbound = context.gl, context.unbound
     in_use = gl.fbo
     program = link_program(context, "level.vert", "level.frag", {}, "level.geom")
     draw = gl.vertex_array(program, [])
-    # This image is never drawn to: moderngl takes the framebuffer's size from it.
+    # Nothing is drawn to this image; moderngl only derives the framebuffer's size from it.
     whole = gl.renderbuffer((side, side), 4)
     framebuffer = gl.framebuffer([whole])
     framebuffer.use()

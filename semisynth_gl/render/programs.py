@@ -1,4 +1,4 @@
-"""Shader programs: the GLSL of shaders/ with its #include and #define lines, compiled and linked."""
+"""Compiles and links shader programs: the GLSL of shaders/ with #include lines replaced and #define lines added."""
 
 import re
 from collections.abc import Mapping
@@ -35,9 +35,9 @@ def link_program(
 
 
 def link_meshes(context: GraphicsContext, defines: Mapping[str, int]) -> moderngl.Program:
-    """Link mesh.vert and mesh.frag, which draw models, for a driver that moves corners or one that does not.
+    """Link mesh.vert and mesh.frag, which draw models, with SNAPPED for drivers that round corners.
 
-    ``defines`` are for mesh.frag, besides SNAPPED. Errors are those of `link_program`.
+    ``defines`` are further definitions for mesh.frag. Raises BackendError as `link_program` does.
     """
     steps = context.corner_steps
     snapped = {} if steps is None else {"SNAPPED": steps}

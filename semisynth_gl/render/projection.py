@@ -1,4 +1,4 @@
-"""The projection from the camera frame (OpenCV's) to OpenGL's clip space; half pixels are dealt with only here."""
+"""The projection from the camera frame (OpenCV's) to OpenGL's clip space; the only place that handles half pixels."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +9,9 @@ from semisynth_gl.frame.camera import Eye, StereoCamera
 def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.float64]:
     """Return the projection of one eye, (4, 4) float64, for clip control ZERO_TO_ONE and a depth test of GREATER.
 
-    The pixel whose centre is at (x, y) has its window coordinate at (x + 1/2, y + 1/2). Window y runs downwards like
-    the image's y, so the first row that is read back is the top row, and nothing needs to be flipped. Depth is reversed
-    and without a far plane: near / Z, 1 at the near plane and 0 at infinity.
+    A pixel centre at (x, y) has the window coordinates (x + 1/2, y + 1/2). Window y runs downwards like the image's y,
+    so the first row that is read back is the top row, and nothing needs to be flipped. Depth is reversed, without a far
+    plane: near / Z, which is 1 at the near plane and 0 at infinity.
     """
     w, h = camera.width_px, camera.height_px
     cx, cy, fx, fy = camera.lens_px(eye)
@@ -30,8 +30,8 @@ def in_view(
 ) -> NDArray[np.bool_]:
     """Return which of N bounding spheres may reach into an eye's image, (N,) bool.
 
-    Centres (N, 3) are in the eye's own frame, radii are (N,). The result is false only where a sphere certainly lies
-    outside the frustum.
+    Centres (N, 3) are in the eye's frame, radii are (N,). The result is False only if a sphere is certainly outside the
+    frustum.
     """
     cx, cy, fx, fy = camera.lens_px(eye)
     x0, x1 = -0.5 - cx, camera.width_px - 0.5 - cx

@@ -1,4 +1,4 @@
-"""The light of a scene's projector: what it reaches, as a depth map from its place, and its pattern, for mesh.frag."""
+"""The light of a scene's projector: a depth map of the surfaces that it reaches, and its pattern, for mesh.frag."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,15 +28,15 @@ PROJECTOR = np.dtype(
 
 # Block and texture units of common_projector.glsl.
 _BINDING, _PATTERN, _REACHED = 1, 2, 3
-# Things may stand nearer to the projector than to the cameras.
+# The projector's near plane as a share of the camera's: things may stand nearer to the projector than to the cameras.
 _NEARER = 0.1
 
 
 class ProjectorLight:
-    """The light of the projectors that throw one pattern, (H, W) uint8.
+    """The light of projectors with one pattern, (H, W) uint8.
 
-    Raises InputError where the pattern has another shape or type, and BackendError where the driver has no images of
-    its size.
+    Raises InputError if the pattern has a wrong shape or type, and BackendError if the driver has no images of its
+    size.
     """
 
     def __init__(self, state: RenderState, pattern: NDArray[np.uint8]) -> None:
@@ -54,7 +54,7 @@ class ProjectorLight:
     def reach(
         self, transforms: InstanceTransforms, draw: Callable[[InstanceTransforms, Eye, None, EyeTargets], None]
     ) -> None:
-        """Draw the depth map of a scene's projector; ``draw`` draws one eye's whole view of instances to targets.
+        """Draw the depth map of a scene's projector, with ``draw``, which draws one eye's whole view to targets.
 
         A second call with the same transforms does nothing.
         """
@@ -65,7 +65,7 @@ class ProjectorLight:
         self._reached = transforms
 
     def use(self, projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> None:
-        """Bind all that mesh.frag needs for one eye's image, drawn ``width_px`` wide."""
+        """Bind all that mesh.frag needs to draw one eye's image at a width of ``width_px``."""
         values = np.zeros((), PROJECTOR)
         values["projector_from_window"] = _projector_from_window(projector, camera, eye, width_px).T
         values["middle_px"] = (self._size[0] - 1) / 2, (self._size[1] - 1) / 2
@@ -78,11 +78,11 @@ class ProjectorLight:
 
 
 def _seen_by(projector: Projector, transforms: InstanceTransforms, size: tuple[int, int]) -> InstanceTransforms:
-    """Return instances as a left eye at the projector's place sees them."""
+    """Return the transforms of instances for a left eye at the projector's position."""
     scene, turned = transforms.scene, projector.projector_from_camera
     view_from_model = turned @ transforms.view_from_model
     sky = scene.sky
-    view_from_model[sky, :3, 3] -= turned[:3, 3]  # infinitely far away from there, too
+    view_from_model[sky, :3, 3] -= turned[:3, 3]  # the sky is infinitely far away from the projector, too
     # Any baseline will do; only the left eye is drawn.
     camera = StereoCamera.centred(*size, projector.focal_px, 1.0)
     near_m = max(scene.near_m * _NEARER, LEAST)
@@ -92,9 +92,9 @@ def _seen_by(projector: Projector, transforms: InstanceTransforms, size: tuple[i
 
 
 def _projector_from_window(projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> NDArray[np.float64]:
-    """Return the matrix (4, 4) from a fragment's x and y in the window, 1, and 1 / Z in the eye's frame.
+    """Return the matrix (4, 4) from a fragment's (x, y, 1, 1 / Z) to its point in the projector's frame, divided by Z.
 
-    It leads to the fragment's point in the projector's frame, divided by Z; the fourth row is the identity's.
+    x and y are in the window, Z is in the eye's frame. The fourth row is that of the identity.
     """
     cx, cy, fx, fy = camera.lens_px(eye)
     scale = width_px / camera.width_px

@@ -1,4 +1,4 @@
-"""The reading of a drawn pair: its drawn channels, and the results of passes that compare views and moments."""
+"""Reads a drawn pair: the channels of the drawing pass, and the results of passes that compare views and moments."""
 
 from collections.abc import Mapping
 
@@ -8,8 +8,8 @@ from semisynth_gl.render.flow import FlowPass, place_moved
 from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.options import attachment_of
 from semisynth_gl.render.other_eye import CorrespondencePass, VisibilityPass
-from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.target_pool import DrawnPair
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY
 from semisynth_gl.scene.scene import Motion
 
@@ -25,15 +25,15 @@ class ReadbackPass:
         self._flow = FlowPass(state) if options.flow else None
 
     def find_visibility(self, pair: DrawnPair) -> None:
-        """Run the visibility pass on a rectified pair; in other pairs, `read` finds visibility by correspondences."""
+        """Run the visibility pass on a rectified pair; for others, `read` computes visibility by correspondences."""
         if self._visibility is not None and pair.transforms.scene.camera.rectified:
             for eye in self._options.truth_eyes:
                 self._visibility.draw(pair, eye)
 
     def read(self, pair: DrawnPair, motions: Mapping[str, Motion | None]) -> None:
-        """Add the channels that are missing to the pair's views.
+        """Add the missing channels to the pair's views.
 
-        ``motions`` has the motions "future" and "past", for the channels of flow; a motion that is None is left out.
+        ``motions`` has the motions "future" and "past", for the channels of flow; None means no flow.
         """
         for eye in EYES:
             self._read_drawn(pair, eye)
@@ -45,7 +45,7 @@ class ReadbackPass:
                 self._read_flow(self._flow, pair, motion, outputs)
 
     def _read_drawn(self, pair: DrawnPair, eye: Eye) -> None:
-        """Read one eye's channels of the drawing pass and the visibility pass."""
+        """Read one eye's channels from the drawing pass and the visibility pass."""
         targets, view = pair.eyes[eye], pair.views[eye]
         rectified = pair.transforms.scene.camera.rectified
         for channel in self._options.drawn_by("drawing"):
@@ -53,10 +53,10 @@ class ReadbackPass:
             if channel.name not in view and (channel is View.image or drawn):
                 view[channel.name] = targets.read(attachment_of(channel), pair.crop)
         if self._visibility is not None and rectified and eye in self._options.truth_eyes:
-            view["visibility"] = pair.sized.computed(f"visibility {eye}", VISIBILITY).read("visibility", pair.crop)
+            view["visibility"] = pair.pool.computed(f"visibility {eye}", VISIBILITY).read("visibility", pair.crop)
 
     def _read_correspondence(self, correspondence: CorrespondencePass, pair: DrawnPair) -> None:
-        """Find and read the correspondences and, for a pair that deviates, disparities and masks."""
+        """Compute and read the correspondences and, for a pair that deviates, disparities and masks."""
         names = ("correspondence",) if pair.transforms.scene.camera.rectified else CORRESPONDENCE
         found = [channel for channel in self._options.channels if attachment_of(channel) in names]
         for eye in self._options.truth_eyes:
@@ -65,7 +65,7 @@ class ReadbackPass:
                 pair.views[eye][channel.name] = compared.read(attachment_of(channel), pair.crop)
 
     def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, outputs: list[str]) -> None:
-        """Find the flow to another moment, and read its channels."""
+        """Compute the flow to the motion's target moment, and read its channels."""
         then, moves = place_moved(pair.transforms, motion, self._composer)
         of_moment = [row for row in self._options.drawn_by("flow") if row.output in outputs]
         for eye in self._options.truth_eyes:

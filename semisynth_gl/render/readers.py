@@ -1,4 +1,4 @@
-"""Readers of drawn pixels: by default into arrays in the computer's memory, or else into buffers of the driver."""
+"""Read drawn pixels: by default into arrays in the computer's memory, or into buffers of the driver."""
 
 from typing import Any, Protocol
 
@@ -11,15 +11,15 @@ Viewport = tuple[int, int, int, int]
 
 
 class Reader(Protocol):
-    """Takes an attachment's pixels; returns an array (H, W) or (H, W, C), or anything that stands for one."""
+    """Reads an attachment's pixels; returns an array (H, W) or (H, W, C), or an object that represents one."""
 
     def __call__(
         self, framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int, /
     ) -> Any:  # noqa: ANN401 - whatever the caller works with
-        """Take a rectangle of an attachment of a framebuffer whose context is current.
+        """Read a rectangle of an attachment of a framebuffer whose context is current.
 
         ``attachment`` is the number of the colour attachment. ``kind`` is moderngl's name for the type of a component:
-        "f1" (bytes that stand for 0 to 1), "u1", "u2" or "f4". ``components`` is C, or 1 for (H, W).
+        "f1" (bytes that mean 0 to 1), "u1", "u2" or "f4". ``components`` is C, or 1 for (H, W).
         """
 
 
@@ -40,7 +40,7 @@ def read_array(
 class PixelBuffers:
     """Buffers of the driver, into which pixels are copied without passing through the computer's memory.
 
-    There is one buffer for each size, which is reused: its content must be taken before the next `fill` of that size.
+    There is one buffer for each size. The next `fill` of the same size overwrites it.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class PixelBuffers:
     def fill(
         self, framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int
     ) -> moderngl.Buffer:
-        """Copy a rectangle of an attachment into a buffer, tightly packed with the top row first; see `Reader`."""
+        """Copy a rectangle of an attachment into a buffer, tightly packed, top row first; see `Reader`."""
         size = viewport[2] * viewport[3] * components * int(kind[1:])
         if size not in self._buffers:
             self._buffers[size] = framebuffer.ctx.buffer(reserve=size)

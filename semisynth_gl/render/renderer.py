@@ -1,9 +1,8 @@
-"""The renderer: models and patches go to the GPU once, then any number of scenes are drawn from them.
+"""The renderer: models and patches are uploaded to the GPU once, then any number of scenes are drawn with them.
 
 A pair takes three steps: the drawing pass of each eye (`DrawPass`: colour, disparity and other outputs), the visibility
 pass of each eye, and the readback, which also runs the correspondence and flow passes (`ReadbackPass`). `RenderOptions`
-lists the outputs. This module checks the caller's arguments and the errors that the
-driver reports.
+lists the outputs. This module checks the caller's arguments and the errors that the driver reports.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -30,18 +29,18 @@ from semisynth_gl.render.draw_pass import DrawPass
 from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.options import OF_BOTH_VIEWS, RenderOptions
-from semisynth_gl.render.pair_targets import SizedTargets
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readback_pass import ReadbackPass
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.target_pool import TargetPool
 from semisynth_gl.scene.scene import Motion, Scene
 
 Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
 
 _MOST_INSTANCE_IDS = 65535
-# Pairs have one size, and images for lenses another one for each eye.
+# Pairs have one size, and the images for lenses have a different size for each eye.
 _MOST_SIZES = 3
 _NO_ERROR, _UNKNOWN_ERROR = "GL_NO_ERROR", "GL_UNKNOWN_ERROR"
 
@@ -50,29 +49,29 @@ class Renderer:
     """Draws scenes with a fixed set of models and patches. Use it in a ``with`` block, in the thread that made it.
 
     Args:
-        models: the meshes to which `Scene.model` refers.
-        layers: (L, P, P, 4) uint8 RGBA, the patch atlas to which `Scene.layer` refers; row 0 is the top. Or (L, P, P)
+        models: the meshes that `Scene.model` indexes.
+        layers: the patch atlas that `Scene.layer` indexes, (L, P, P, 4) uint8 RGBA; row 0 is the top. Or (L, P, P)
             uint8 grey: then images are grey, too, (H, W).
-        large_layers: patches of another size, (M, Q, Q, 4) or (M, Q, Q) uint8 like ``layers``, to which `Scene.layer`
-            refers from L on; instances that wear them are drawn after the others. By default there are none.
-        wrap: whether a patch continues beyond its border as its mirror image, "mirror", or repeats, "repeat".
-        anisotropy: most samples of a patch for a pixel that sees it at a grazing angle, 1 to 16; with 1 such pixels are
-            blurred.
-        large_anisotropy: most samples of a large patch, in the same way.
-        outputs: the outputs to make beside images and disparities; see `semisynth_gl.frame.channels.DRAWN_OUTPUTS`.
+        large_layers: patches of a different size, (M, Q, Q, 4) or (M, Q, Q) uint8 like ``layers``; `Scene.layer` has
+            numbers from L on for them. Instances with such patches are drawn last. By default there are none.
+        wrap: whether a patch is mirrored beyond its border, "mirror", or repeats, "repeat".
+        anisotropy: maximum number of samples of a patch, 1 to 16, for a pixel that sees the patch at a grazing angle;
+            with 1 such pixels are blurred.
+        large_anisotropy: the same for large patches.
+        outputs: the outputs to make besides images and disparities; see `semisynth_gl.frame.channels.DRAWN_OUTPUTS`.
         truth: the views for which disparity and outputs are made, "both" or "left".
-        rectified: False where right cameras may deviate from the rectified one; both eyes' depths are then drawn.
+        rectified: False if right cameras may deviate from the rectified camera; both eyes' depths are then drawn.
         signed: whether disparities of 0 and below are valid.
         antialias: "none", "edges", or "ssaa2" to "ssaa8"; for colour only.
-        pattern: the picture that the projectors of scenes throw, (H, W) uint8; None if no scene has a projector.
+        pattern: the pattern of the scenes' projectors, (H, W) uint8; None if no scene has a projector.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
-        read: takes the pixels that were drawn, by default into arrays in memory; see `Reader`.
+        read: reads the pixels that were drawn, by default into arrays in memory; see `Reader`.
 
     Attributes:
-        listener: for measurements, told of the end of each stage ("draw", "visibility", "readback"), which the driver
-            is made to finish first; None, the default, for no listener, so that stages overlap. Antialiased colour is
-            read back in the stage "draw", and flow is drawn in the stage "readback".
+        listener: for measurements, is called at the end of each stage ("draw", "visibility", "readback"), after the
+            driver has finished the stage. With None, the default, stages overlap. Antialiased colour is read back in
+            the stage "draw", and flow is drawn in the stage "readback".
 
     Raises:
         BackendError: where no context can be opened, or the driver cannot hold the atlas.
@@ -113,8 +112,7 @@ class Renderer:
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
-            # The context is current from its opening on. Leaving this block ends that: otherwise its objects would
-            # outlive its release.
+            # The context is current since it was opened. This block ends that, so that no object outlives its context.
             with self._gl:
                 patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
                 self._composer = TransformComposer(models)
@@ -124,15 +122,14 @@ class Renderer:
                 self._state = RenderState(
                     self._context, buffers, patches, anisotropies, constants, self._options, read, pattern
                 )
-                self._targets: dict[tuple[int, int], SizedTargets] = {}  # by image size, the latest last
+                self._targets: dict[tuple[int, int], TargetPool] = {}  # by image size, the latest last
                 self._drawing = DrawPass(self._state)
                 self._reading = ReadbackPass(self._state, self._composer)
                 reported = self._gl.error
         except BaseException:
             self._context.release()
             raise
-        # Frees the context when a renderer that was not released is collected. Not at the exit of Python, which frees
-        # all.
+        # Frees the context when a renderer that was not released is collected. When Python exits, it frees everything.
         self._free = finalize(self, self._context.release)
         self._free.atexit = False
         if reported != _NO_ERROR:
@@ -172,8 +169,8 @@ class Renderer:
             past: the scene's motion to the previous frame, for the output "flow_backward".
 
         Returns:
-            Both images, and the disparities and outputs of the views that have truth, in new arrays; other readers than
-            the default one may reuse what they return.
+            Both images, and the disparities and outputs of the views that have truth, in new arrays; only readers that
+            are not the default may reuse the arrays that they return.
 
         Raises:
             InputError: where an index or the crop is out of range, the output "instances" has too few ids, an output
@@ -181,7 +178,7 @@ class Renderer:
                 rectified, the scene has a projector and the renderer no pattern, or float32 cannot hold an instance as
                 the camera sees it.
             BackendError: where the image is larger than the driver allows, or drawing failed.
-            ContextLostError: where the driver took the context away; another renderer may still be opened.
+            ContextLostError: where the driver took the context away; opening a new renderer may still work.
         """
         return self.render_rig(scene, [scene.camera], crop, future=future, past=past)[0]
 
@@ -204,8 +201,8 @@ class Renderer:
             past: the motion to the previous frame, with the scene's own camera; see `render`.
 
         Returns:
-            The pair of each camera, as `render` draws it of the scene with that camera, bit for bit. Channels that all
-            left views have in common are the same read-only array in all of them. Where there are several cameras, the
+            The pair of each camera, bit for bit as `render` draws the scene with that camera. Channels that all left
+            views have in common are the same read-only array in all of them. If there are several cameras, the
             renderer's reader must return new arrays.
 
         Raises:
@@ -217,9 +214,9 @@ class Renderer:
         self._check_request(scene, cameras, motions)
         frames = []
         with self._current():
-            sized = self._sized(scene.camera)
+            pool = self._pool_of(scene.camera)
             transforms = [self._composer.compose(replace(scene, camera=camera)) for camera in cameras]
-            for pair in self._drawing.draw(transforms, crop, sized):
+            for pair in self._drawing.draw(transforms, crop, pool):
                 self._finish("draw")
                 self._reading.find_visibility(pair)
                 self._finish("visibility")
@@ -242,7 +239,7 @@ class Renderer:
         for camera in cameras:
             if camera.left_alone != scene.camera.left_alone:
                 raise InputError(
-                    f"cameras: expected cameras that differ from the scene's in the right eye alone, {scene.camera}, "
+                    f"cameras: expected cameras that differ from the scene's only in the right eye, {scene.camera}, "
                     f"got {camera}"
                 )
             self._check(replace(scene, camera=camera))
@@ -258,7 +255,7 @@ class Renderer:
                 )
 
     def render_images(self, scene: Scene, eyes: Collection[Eye] = EYES) -> dict[Eye, NDArray[np.uint8]]:
-        """Draw only the images of a pair, as `render` draws them, without its truth.
+        """Draw only the images of a pair, without its truth, as `render` draws them.
 
         Args:
             scene: the scene; its indices must lie within the renderer's models and layers.
@@ -270,21 +267,21 @@ class Renderer:
         Raises:
             InputError: where the scene cannot be drawn, as in `render`, or an eye is neither left nor right.
             BackendError: where the image is larger than the driver allows, or drawing failed.
-            ContextLostError: where the driver took the context away; another renderer may still be opened.
+            ContextLostError: where the driver took the context away; opening a new renderer may still work.
         """
         self._check_open()
         self._check(scene)
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"expected some of {', '.join(EYES)}, got {eyes!r}", argument="eyes")
         with self._current():
-            sized = self._sized(scene.camera)
+            pool = self._pool_of(scene.camera)
             transforms = self._composer.compose(scene)
-            return {eye: self._drawing.draw_image(transforms, eye, sized) for eye in eyes}
+            return {eye: self._drawing.draw_image(transforms, eye, pool) for eye in eyes}
 
-    def _sized(self, camera: StereoCamera) -> SizedTargets:
-        """Return the targets of a camera's image size; those of the latest sizes are cached."""
+    def _pool_of(self, camera: StereoCamera) -> TargetPool:
+        """Return the targets of a camera's image size; the targets of the latest sizes are cached."""
         size, cached = (camera.width_px, camera.height_px), self._targets
-        cached[size] = cached.pop(size) if size in cached else SizedTargets(self._state, size)
+        cached[size] = cached.pop(size) if size in cached else TargetPool(self._state, size)
         if len(cached) > _MOST_SIZES:
             # moderngl binds the framebuffer in use again after making another one, so it must not be one that is gone.
             self._gl.screen.use()
@@ -292,14 +289,14 @@ class Renderer:
         return cached[size]
 
     def _finish(self, stage: RenderStage) -> None:
-        """Tell the listener, if there is one, of the end of a stage, which the driver finishes first."""
+        """If there is a listener, let the driver finish a stage, then report the end of the stage."""
         if self.listener is not None:
             self._gl.finish()
             self.listener.on_stage(stage)
 
     @contextmanager
     def _current(self) -> Iterator[None]:
-        """Make the context current, since another renderer may have made its own current; raise errors of the block."""
+        """Make the context current, since a different renderer's may be; raise errors that the driver reports."""
         with self._gl:
             try:
                 yield
@@ -315,12 +312,12 @@ class Renderer:
         In these cases the driver would crash, or wait without end.
         """
         if not self._free.alive:
-            raise BackendError("this renderer was released: open another one")
+            raise BackendError("this renderer was released: open a new one")
         self._context.check_owner()
 
     def _fault(self, error: str) -> BackendError:
         """Return the error to raise for a drawing that failed."""
-        # moderngl knows all errors of a context that works; an unknown error means that the context is lost.
+        # moderngl knows all errors of a working context; an unknown error means that the context is lost.
         if self._context.unbound.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
         return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
@@ -332,10 +329,10 @@ class Renderer:
     def _check(self, scene: Scene) -> None:
         if self._options.rectified and not scene.camera.rectified:
             raise InputError(
-                f"scene: its right camera deviates ({scene.camera.deviation}), which takes Renderer(rectified=False)"
+                f"scene: its right camera deviates ({scene.camera.deviation}), which needs Renderer(rectified=False)"
             )
         if scene.projector is not None and self._state.pattern is None:
-            raise InputError("its projector throws a pattern, which takes Renderer(pattern=...)", argument="scene")
+            raise InputError("its projector has a pattern, which needs Renderer(pattern=...)", argument="scene")
         ranges = (("model", scene.model, len(self._state.models)), ("layer", scene.layer, len(self._state.patches)))
         for name, index, count in ranges:
             if len(index) and (int(index.min()) < 0 or int(index.max()) >= count):
@@ -344,8 +341,8 @@ class Renderer:
                 )
         if "instances" in self._options.outputs and len(scene) > _MOST_INSTANCE_IDS:
             raise InputError(
-                f"a scene of {len(scene)} instances was asked for with the output instances, but 16-bit ids count up "
-                f"to {_MOST_INSTANCE_IDS}: leave that output out"
+                f"the scene has {len(scene)} instances, but the output instances has 16-bit ids, up to "
+                f"{_MOST_INSTANCE_IDS}: drop that output"
             )
 
 

@@ -20,8 +20,8 @@ class RenderState:
     context: GraphicsContext
     models: ModelBuffers
     patches: PatchTextures
-    anisotropies: tuple[int, ...]  # most samples of a patch for one pixel, for each atlas
+    anisotropies: tuple[int, ...]  # for each atlas, the maximum number of samples of a patch for one pixel
     constants: ConstantsBuffer
     options: RenderOptions
-    read: Reader  # takes the pixels that were drawn
-    pattern: NDArray[np.uint8] | None = None  # (H, W), of the scenes' projectors
+    read: Reader  # reads the pixels that were drawn
+    pattern: NDArray[np.uint8] | None = None  # (H, W), the pattern of the scenes' projectors

@@ -22,7 +22,7 @@ class Attachment:
 
     components: int  # components that are read back
     kind: str  # moderngl's name for the components' type, such as "f4"
-    nothing: float  # value of the components where nothing is drawn
+    nothing: float  # value of the components in pixels where nothing is drawn
 
 
 def _attachments(drawn_by: str) -> dict[str, Attachment]:
@@ -30,7 +30,7 @@ def _attachments(drawn_by: str) -> dict[str, Attachment]:
     for channel in CHANNELS.values():
         if pass_of(channel) == drawn_by:
             name = attachment_of(channel)
-            # Colours are stored as bytes that stand for 0 to 1, since the driver filters and averages them.
+            # Colours are stored as bytes that mean 0 to 1, since the driver filters and averages them.
             kind = "f1" if name == "colour" else f"{channel.dtype.kind}{channel.dtype.itemsize}"
             attachments[name] = Attachment(channel.components, kind, channel.nothing)
     return attachments
@@ -50,20 +50,20 @@ FLOW = _attachments("flow")
 
 
 def window(crop: Crop | None, size: tuple[int, int]) -> Viewport:
-    """Return a crop of an image, or all of it, as OpenGL's rectangle; window y runs downwards with the image's."""
+    """Return a crop of an image, or all of it, as OpenGL's rectangle; window y runs downwards like the image's y."""
     return (0, 0, *size) if crop is None else (crop.x_px, crop.y_px, crop.width_px, crop.height_px)
 
 
 class Targets:
-    """A framebuffer with named attachments and, if the caller has one, a depth buffer.
+    """A framebuffer with named attachments and, if the caller passes one, a depth buffer.
 
-    Texture look-ups in the attachments return unfiltered pixels, and beyond the image those of its border.
+    Texture look-ups in the attachments return unfiltered pixels; beyond the image, they return pixels of its border.
 
     Args:
         context: the context.
         size: width and height, px.
         attachments: the attachments by name, in the order of the shader's outputs.
-        read: takes the pixels of an attachment.
+        read: reads the pixels of an attachment.
         depth_buffer: the depth buffer.
 
     Attributes:
@@ -85,7 +85,7 @@ class Targets:
         self._unbound, self._read, self.attachments = context.unbound, read, attachments
         gl = context.gl
         try:
-            # Not every driver can draw into formats of three components.
+            # Some drivers cannot draw into formats of three components.
             self._textures = {
                 name: gl.texture(size, 4 if each.components == 3 else each.components, dtype=each.kind)
                 for name, each in attachments.items()
@@ -107,7 +107,7 @@ class Targets:
         self.framebuffer.scissor = window(part, self.framebuffer.size)
 
     def bind(self, **units: int) -> None:
-        """Bind attachments' textures to texture units, as in ``bind(depth=0)``."""
+        """Bind attachments' textures to texture units, for example ``bind(depth=0)``."""
         for name, unit in units.items():
             self._textures[name].use(unit)
 
@@ -123,14 +123,14 @@ class Targets:
         return self._read(self.framebuffer, rectangle, number, attachment.kind, attachment.components)
 
     def release(self) -> None:
-        """Free all resources but the depth buffer; the framebuffer goes first, since it holds its attachments."""
+        """Free all resources except the depth buffer; the framebuffer first, since it refers to its attachments."""
         self.framebuffer.release()
         for texture in self._textures.values():
             texture.release()
 
 
 class BlendTargets:
-    """A framebuffer to blend into the colour of a drawing pass, and a copy of that colour to read meanwhile.
+    """A framebuffer to blend into the colour of a drawing pass, and a copy of that colour for shaders to read.
 
     The drawing pass's depth is tested, but not written.
     """
@@ -165,10 +165,10 @@ class EyeTargets(Targets):
         names: attachments of the drawing pass, from `DRAWING`, in the order of the shader's outputs.
         grey: whether colour has one component.
         blended: whether outlines are blended into the colour.
-        read: takes the pixels of an attachment.
+        read: reads the pixels of an attachment.
 
     Attributes:
-        disparity: target of the disparity that is worked out from 1 / Z, where "inverse_depth" is an attachment.
+        disparity: target of the disparity that is computed from 1 / Z; None without the attachment "inverse_depth".
         blending: targets for blending into the colour, or None.
 
     Raises:
@@ -203,13 +203,13 @@ class EyeTargets(Targets):
         self.blending = BlendTargets(context, self._textures["colour"], self._depth_buffer) if blended else None
 
     def bind(self, **units: int) -> None:
-        """Bind attachments as `Targets.bind` does, including a disparity that is worked out from 1 / Z."""
+        """Bind attachments as `Targets.bind` does, including a disparity that is computed from 1 / Z."""
         if self.disparity is not None and "disparity" in units:
             self.disparity.bind(disparity=units.pop("disparity"))
         super().bind(**units)
 
     def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
-        """Read an attachment as `Targets.read` does, or the disparity that is worked out from 1 / Z."""
+        """Read an attachment as `Targets.read` does, or the disparity that is computed from 1 / Z."""
         if self.disparity is not None and name == "disparity":
             return self.disparity.read(name, crop)
         return super().read(name, crop)
@@ -226,7 +226,7 @@ class EyeTargets(Targets):
             self._unbound.clear_depth(0.0)
 
     def use_depth(self, part: Crop | None) -> None:
-        """Bind a framebuffer that has only the drawing pass's depth, for a part of the image or all of it."""
+        """Bind a framebuffer with only the drawing pass's depth, for a part of the image or all of it."""
         self._depth_alone.scissor = window(part, self.framebuffer.size)
         self._depth_alone.use()
 

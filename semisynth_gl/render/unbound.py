@@ -1,4 +1,4 @@
-"""The few OpenGL calls that moderngl has no binding for, made through their addresses."""
+"""OpenGL functions that moderngl does not bind, called through their addresses."""
 
 import ctypes
 from collections.abc import Callable
@@ -42,10 +42,10 @@ class UnboundCalls:
         self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
 
     def set_up(self) -> None:
-        """Map clip z to [0, 1] instead of [-1, 1], and keep colours as they are.
+        """Map clip z to [0, 1] instead of [-1, 1], and switch off dithering.
 
-        With [-1, 1] the hardware adds 0.5 on the way to the depth buffer, which undoes the precision of reversed Z.
-        Colours would change by dithering, which OpenGL lets drivers do by default.
+        With [-1, 1], the hardware adds 0.5 before it writes depth, which undoes the precision of reversed Z. By
+        default, OpenGL lets drivers dither colours, which would change them.
         """
         self._clip_control(_GL_LOWER_LEFT, _GL_ZERO_TO_ONE)
         self._disable(_GL_DITHER)
@@ -55,7 +55,7 @@ class UnboundCalls:
         self._clear_float(_GL_COLOR, attachment, (ctypes.c_float * 4)(*[value] * 4))
 
     def clear_unsigned(self, attachment: int, value: int) -> None:
-        """Clear an unsigned integer attachment of the framebuffer in use; a clear by floats is undefined for it."""
+        """Clear an unsigned integer attachment of the framebuffer in use, for which clearing by floats is undefined."""
         self._clear_unsigned(_GL_COLOR, attachment, (ctypes.c_uint * 4)(*[value] * 4))
 
     def clear_depth(self, value: float) -> None:
@@ -63,20 +63,20 @@ class UnboundCalls:
         self._clear_float(_GL_DEPTH, 0, ctypes.byref(ctypes.c_float(value)))
 
     def is_lost(self) -> bool:
-        """Return whether the driver says that the context was lost, because the GPU was reset or taken away."""
+        """Return whether the driver reports a lost context: the GPU was reset or taken away."""
         return bool(self._reset_status())
 
     def mirror_beyond_border(self, texture: int) -> None:
-        """Make a texture continue beyond its border as its mirror image."""
+        """Make a texture mirrored beyond its border."""
         for wrap in (_GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T):
             self._texture_parameter(texture, wrap, _GL_MIRRORED_REPEAT)
 
     def store_layers(self, texture: int, levels: int, layers: NDArray[np.uint8], *, software: bool) -> None:
         """Give an array texture storage of several levels, and upload layers, (L, P, P, 4) or (L, P, P) uint8.
 
-        moderngl's own storage has one level. No shader reads the alpha. In ``software``, three components are filtered
-        sooner than four, and one of 32 bits sooner than one of 8; other drivers may be unable to draw levels without
-        alpha.
+        moderngl's own storage has one level. No shader reads alpha. With ``software``, three components are filtered
+        faster than four, and a component of 32 bits faster than one of 8; other drivers may be unable to draw levels
+        without alpha.
         """
         count, side = layers.shape[:2]
         given, stored = (_GL_RGBA, _GL_RGB8 if software else _GL_RGBA8)
@@ -98,5 +98,5 @@ class UnboundCalls:
         self._attach_level(framebuffer, _GL_COLOR_ATTACHMENT0, texture, level)
 
     def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int) -> None:
-        """Give a renderbuffer 32-bit float depth storage, which all drivers have; moderngl's own is 24-bit integer."""
+        """Give a renderbuffer 32-bit float depth storage, which all drivers have; moderngl's is 24-bit integer."""
         self._storage(renderbuffer, _GL_DEPTH_COMPONENT32F, width_px, height_px)

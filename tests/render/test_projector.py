@@ -240,7 +240,7 @@ def test_outlines_have_the_light_of_many_samples(grey):
 def test_what_cannot_be_lit_is_refused(values):
     with pytest.raises(InputError, match="projector"):
         Projector(**{"projector_from_camera": np.eye(4), "focal_px": 90.0, "power": 1.0} | values)
-    for pattern, said in ((None, "its projector throws a pattern"), (np.zeros((4, 4)), r"must be \(H, W\) uint8")):
+    for pattern, said in ((None, "its projector has a pattern"), (np.zeros((4, 4)), r"must be \(H, W\) uint8")):
         with pytest.raises(InputError, match=said):
             drawn(plane(projector=projector()), pattern)
 

@@ -20,7 +20,7 @@ from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render import context
+from semisynth_gl.render import context, osmesa
 from semisynth_gl.render.context import check_libraries, context_facts, open_context
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.renderer import Renderer
@@ -225,6 +225,12 @@ def test_missing_libraries_are_told_before_anything_is_made(monkeypatch, tmp_pat
     monkeypatch.setattr(context, "open_context", opened := Mock())
     check_libraries(backend)
     assert opened.called == (backend == "egl")
+
+
+def test_an_osmesa_of_old_mesa_is_told(monkeypatch):
+    monkeypatch.setattr(osmesa, "_load_library", object)  # an object lacks the function, too
+    with pytest.raises(BackendError, match="osmesa: OSMesa is older than Mesa 12"):
+        open_context("osmesa")
 
 
 def opened(name, **environment):

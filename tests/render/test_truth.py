@@ -11,7 +11,7 @@ from scenes import assert_equal
 from semisynth_gl import oracle
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS, OCCLUDED, OUTSIDE, SKY, VISIBLE
-from semisynth_gl.render import listed_steps
+from semisynth_gl.render import work_list_steps
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import move
@@ -285,5 +285,5 @@ def test_bands_and_crops_are_parts_of_the_whole(backend, name, monkeypatch):
     for most_pixels, crop in ((1 << 21, Crop(23, 31, 50, 4)), (900, None), (900, Crop(61, 3, 59, 87))):
         # What was drawn before must be gone.
         assert not drawn(nothing, backend).left.image.any()
-        monkeypatch.setattr(listed_steps, "_MOST_PIXELS", most_pixels)
+        monkeypatch.setattr(work_list_steps, "_MOST_PIXELS", most_pixels)
         assert_equal(drawn(case, backend, crop), whole, crop)

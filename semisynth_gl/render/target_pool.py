@@ -1,4 +1,4 @@
-"""The targets to which images and pairs of one size are drawn, and a pair while the passes work on it."""
+"""The targets of images and pairs of one size, and a pair between its passes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,11 +11,11 @@ from semisynth_gl.render.targets import Attachment, EyeTargets, Targets
 COLOUR = ("colour",)
 
 
-class SizedTargets:
+class TargetPool:
     """All targets for images and pairs of one size, each made when a pass first asks for it.
 
-    A ``use`` tells targets with the same attachments apart. Making any of them raises BackendError where the driver
-    refuses the ``size``, width and height in px.
+    Targets are cached by their ``use`` alone: all calls with one ``use`` must ask for the same attachments and factor.
+    Both methods raise BackendError if the driver refuses the ``size``, width and height in px.
     """
 
     def __init__(self, state: RenderState, size: tuple[int, int]) -> None:
@@ -24,7 +24,7 @@ class SizedTargets:
         self._computed: dict[str, Targets] = {}
 
     def drawn(self, use: str, names: tuple[str, ...], factor: int = 1) -> EyeTargets:
-        """Return the targets of a drawing pass with these attachments, ``factor`` pixels for one in each direction."""
+        """Return the targets of a drawing pass with these attachments, ``factor`` times as wide and high."""
         if use not in self._drawn:
             state, size = self._state, (self.size[0] * factor, self.size[1] * factor)
             blended = state.options.outlines and "colour" in names
@@ -51,11 +51,11 @@ class DrawnPair:
 
     transforms: InstanceTransforms  # the scene's instances
     crop: Crop | None  # the part of both images that the caller wants, or None for all of it
-    sized: SizedTargets  # the targets of the pair's image size
-    eyes: dict[Eye, EyeTargets]  # the targets to which each eye's view was drawn
-    views: dict[Eye, dict[str, Any]]  # the channels of each eye's view that have been read so far, by name
+    pool: TargetPool  # the targets of the pair's image size
+    eyes: dict[Eye, EyeTargets]  # the targets with each eye's view
+    views: dict[Eye, dict[str, Any]]  # the channels of each eye's view that were read so far, by name
 
     @property
     def area(self) -> Crop:
         """The part of both images that the caller wants, as a rectangle."""
-        return self.crop or Crop(0, 0, *self.sized.size)
+        return self.crop or Crop(0, 0, *self.pool.size)

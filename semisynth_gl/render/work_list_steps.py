@@ -1,4 +1,4 @@
-"""Multi-step compute passes. Each step settles what it can, and appends the rest to a work list for the next one."""
+"""Multi-step compute passes. Each step settles what it can, and appends the rest to a work list for the next step."""
 
 from collections.abc import Mapping
 from math import ceil
@@ -9,7 +9,7 @@ from semisynth_gl.frame.camera import Crop
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_compute
 
-# Binding of the work lists in shaders. Their header counts the entries of each list.
+# Binding of the buffer of work lists in shaders. The buffer's header has the number of entries of each list.
 _WORK = 5
 _COUNTERS = np.zeros(4, "<u4").tobytes()
 # Invocations of the first step that work together, in columns and rows of tiles.
@@ -17,22 +17,22 @@ _GROUP_TILES = 16, 4
 # Numbers of groups that share a work list. They are fixed, since only the driver knows the lists' lengths. A GPU gets
 # more groups: it hides the latency of a fetch behind other groups.
 _GROUPS_ON_SOFTWARE, _GROUPS_ON_GPU = 128, 2048
-# Larger images are judged band by band, which bounds the lists.
+# Larger images are judged in bands of at most this size, which limits the size of the lists.
 _MOST_PIXELS = 1 << 21
 
 
-class ListedSteps:
+class WorkListSteps:
     """A compute shader in steps: the first step judges tiles of the image, later steps judge the entries of work lists.
 
-    The shader knows its step as STEP, and the part of the image that is judged as `band`: left column, first row, width
-    and height, in tiles.
+    In the shader, STEP is the number of the step. The uniform `band` is the part of the image that is judged: left
+    column, first row, width and height, in tiles.
 
     Args:
         context: the context.
         shader: the shader's file.
         steps: number of steps.
         tile_px: side of a tile.
-        entries: most entries that all lists together have for a tile.
+        entries: maximum number of entries of a tile in all lists together.
         defines: numbers to define in the shader; see `shader_source`.
 
     Raises:
@@ -61,8 +61,8 @@ class ListedSteps:
                 step[name] = value
 
     def run(self, part: Crop) -> None:
-        """Judge a part of the image, extended to whole tiles; whatever is drawn next sees the result."""
-        # Tiles lie at the same places in the image for all parts.
+        """Judge a part of the image, extended to whole tiles; later drawing sees the result."""
+        # The grid of tiles begins at the image's corner, not at the part's.
         x, y = part.x_px // self._tile_px, part.y_px // self._tile_px
         columns, bottom = ceil(part.right_px / self._tile_px) - x, ceil(part.bottom_px / self._tile_px)
         rows = max(1, _MOST_PIXELS // (self._tile_px**2 * columns))
