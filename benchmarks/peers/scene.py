@@ -69,7 +69,7 @@ class PeerScene:
         models: what `model` counts.
         walls: the room's six sides.
         model: (F, N) int32.
-        patch: (F, N) int32, which patch each instance wears.
+        patch: (F, N) int32, the patch of each instance.
         camera_from_model: (F, N, 4, 4) float64.
         wall_patch: (F, 6) int32.
     """

@@ -75,7 +75,7 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
 
     Args:
         name: of `SETS`.
-        images: photographs of the place; without, rows wear what `rig.yaml` says.
+        images: photographs of the place; without them, textures are those of `rig.yaml`.
         scratch: folder for what `calibrate` writes.
 
     Raises:
@@ -83,9 +83,9 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
     """
     name = SETS[name].pairs_of or name
     row, base = SETS[name], load_config(RIG)
-    worn: dict[str, Any] = {"textures.source": "images", "textures.images": list(images)} if images else {}
+    textures: dict[str, Any] = {"textures.source": "images", "textures.images": list(images)} if images else {}
     if row.trials is None and not row.packaged:
-        return load_config(RIG, {**worn, **row.overrides, "name": name})
+        return load_config(RIG, {**textures, **row.overrides, "name": name})
     scratch.mkdir(parents=True, exist_ok=True)
     written = scratch / f"{name}.yaml"
     if row.packaged:
@@ -101,4 +101,4 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
     if row.own_rig:
         return load_config(written, {key: values[key] for key in ("truth", "outputs")})
     # All rows show the disparities of the rig.
-    return load_config(written, worn | {key: values[key] for key in ("camera", "disparity", "truth", "outputs")})
+    return load_config(written, textures | {key: values[key] for key in ("camera", "disparity", "truth", "outputs")})

@@ -104,5 +104,5 @@ def _patch_rows(report: TextureReport) -> Iterator[list[str]]:
     for name, counts in (*report.grouped_counts.items(), ("all", report.counts)):
         numbers = [count_crops(counts, "kept"), *(count_crops(counts, "kept", side) for side in sides)]
         numbers += [count_crops(counts, outcome) for outcome in REJECTIONS]
-        worn = sum(report.surface_shares.get(source, 0.0) for source in {count.source for count in counts})
-        yield [printable(name), *map(str, numbers), f"{worn:.1%}"]
+        share = sum(report.surface_shares.get(source, 0.0) for source in {count.source for count in counts})
+        yield [printable(name), *map(str, numbers), f"{share:.1%}"]

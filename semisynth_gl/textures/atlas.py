@@ -1,4 +1,4 @@
-"""The patch atlas: all patches that the renderer samples, and the square of an image that each patch comes from."""
+"""The patch atlas: all patches that the renderer samples, and the square of an image from which each patch is cut."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -14,21 +14,21 @@ from semisynth_gl.textures.crops import texture_measure
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """One square of texture: successive layers of the atlas, and the `Square` of an image that they come from.
+    """One square of texture: successive layers of the atlas, and the `Square` of an image from which they are cut.
 
-    Pixels of the square are averaged where it is larger than a layer; only large patches are ever enlarged. A patch of
-    an image sequence has one layer per frame, a patch of a still image has one layer.
+    If the square is larger than a layer, its pixels are averaged. Only large patches may be enlarged. A patch of an
+    image sequence has one layer per frame; a patch of a still image has one layer.
 
     Attributes:
         source: name of the image, as in `Square`.
         left_px: first column of the square in the upright image.
         top_px: first row of the square.
         side_px: side of the square, in image pixels.
-        first_layer: number of the patch's first layer; see `Atlas` for how layers are counted.
+        first_layer: number of the patch's first layer; see `Atlas` for how layers are numbered.
         layer_count: number of successive layers.
-        texture: its `texture_measure`; the least of its frames.
+        texture: the smallest `texture_measure` of its frames.
         large: whether it is a large patch, for walls and grounds; large patches come last in the atlas.
-        subject: name of the subject's first image, where several images in the atlas show one subject; else empty.
+        subject: name of the subject's first image, if several images in the atlas show the subject; else empty.
     """
 
     source: str
@@ -43,11 +43,11 @@ class Patch:
 
     @property
     def shown(self) -> str:
-        """The name of the subject that the patch shows a part of, or of its image where no other shows the subject."""
+        """The name of the patch's subject; its image's name if no other image shows the subject."""
         return self.subject or self.source
 
     def described(self) -> dict[str, Any]:
-        """Return the attributes by name, in JSON's types; of the last two only the values that are not defaults."""
+        """Return the attributes by name, in JSON's types; ``large`` and ``subject`` only if they are not defaults."""
         usual = {"large": False, "subject": ""}
         return {key: value for key, value in asdict(self).items() if usual.get(key) != value}
 
@@ -57,11 +57,11 @@ class Atlas:
     """All patches of a dataset, ready for a texture array.
 
     Attributes:
-        layers: (L, P, P, 4) uint8 RGBA, C-contiguous, top row first, A = 255 everywhere, so that rows need no padding
-            on the way to OpenGL. For monochrome cameras (L, P, P) uint8, see `in_grey`.
+        layers: (L, P, P, 4) uint8 RGBA, C-contiguous, top row first. A = 255 everywhere; with four components, OpenGL
+            needs no padding of rows. For monochrome cameras (L, P, P) uint8, see `in_grey`.
         patches: in the order of their layers.
-        report: what became of all images and crops.
-        pictures: SHA-256 of the pixels of each painted picture that patches come from, by the picture's name.
+        report: the outcome of all images and crops.
+        pictures: by name, SHA-256 of the pixels of each painted picture from which patches are cut.
         large_layers: (M, Q, Q, 4) uint8 RGBA, or (M, Q, Q) uint8 for monochrome cameras: the layers of large patches,
             numbered from L on; M may be 0.
     """
@@ -80,7 +80,7 @@ class Atlas:
         return layers[first : first + patch.layer_count]
 
     def in_grey(self) -> "Atlas":
-        """Return the atlas with all layers in grey, as monochrome cameras see it; the rest stays. See `to_grey`."""
+        """Return the atlas with all layers in grey, as monochrome cameras see them; see `to_grey`."""
         return replace(self, layers=_in_grey(self.layers), large_layers=_in_grey(self.large_layers))
 
 
@@ -94,7 +94,7 @@ def _in_grey(layers: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def atlas_from_arrays(patches: Sequence[NDArray[np.uint8]], sources: Sequence[str]) -> Atlas:
-    """Make an atlas of squares, each (P, P, 3) uint8 RGB of one size; all are kept, however little texture they have.
+    """Make an atlas of squares, each (P, P, 3) uint8 RGB of one size. Squares with little texture are kept, too.
 
     ``sources`` names the image of each patch.
     """

@@ -1,17 +1,17 @@
-"""The black borders of rectified photographs: pixels whose place in the raw photograph lay outside it."""
+"""Finds black borders of rectified photographs: pixels that map to positions outside the raw photograph."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-# JPEG turns black into levels up to this one.
+# Levels up to this one are black, since JPEG changes black a little.
 _BLACK = 3
-# Black at an edge is a border if it covers at least `_LEAST` of a photograph and leaves at least `_LEAST_INSIDE`; else
-# it is a dark object.
+# Black at an edge is a border if it covers at least the share `_LEAST` of a photograph, and at least `_LEAST_INSIDE`
+# remains; else it is a dark object.
 _LEAST, _LEAST_INSIDE = 1e-3, 0.5
-# `_EDGE`: largest share of black pixels along an edge of the inside. `_MIXED_PX`: pixels beside a border that are cut
-# off too, since interpolation mixed them with black.
+# `_EDGE`: maximum share of black pixels along an edge of the inside. `_MIXED_PX`: width of the strip beside a border
+# that is cut off, too, since interpolation mixed its pixels with black.
 _EDGE, _MIXED_PX = 0.005, 2
 
 
@@ -25,9 +25,9 @@ class Rectangle(NamedTuple):
 
 
 def inside_borders(image: NDArray[np.uint8]) -> Rectangle:
-    """Return the rectangle of an image inside its black borders; the whole image where it has none.
+    """Return the rectangle of an image inside its black borders; the whole image if it has none.
 
-    Edges are moved inwards, the blackest first, until each has next to nothing black.
+    The blackest edge is moved inwards again and again, until no edge has more than a few black pixels.
 
     Args:
         image: (H, W, 3) RGB, uint8.
@@ -37,7 +37,7 @@ def inside_borders(image: NDArray[np.uint8]) -> Rectangle:
     if all((edge > _BLACK).any(axis=-1).all() for edge in (image[0], image[-1], image[:, 0], image[:, -1])):
         return whole
     border = _black_border(image.max(axis=2) <= _BLACK)
-    # A border lies on opposite edges or takes two corners: a dark thing in one corner does neither.
+    # A border covers opposite edges or two corners. A dark object in one corner covers neither.
     top_edge, bottom_edge, left_edge, right_edge = (edge > _EDGE for edge in _edges(border))
     corners = border[[0, 0, -1, -1], [0, -1, 0, -1]].sum()
     if border.mean() < _LEAST or not ((top_edge and bottom_edge) or (left_edge and right_edge) or corners >= 2):
@@ -55,7 +55,7 @@ def inside_borders(image: NDArray[np.uint8]) -> Rectangle:
 
 
 def _black_border(black: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where an image is black from its edge on, along its row or its column; (H, W)."""
+    """Return the pixels, (H, W), that are connected to an edge by black pixels of their row or column."""
     border = np.zeros_like(black)
     for axis in (0, 1):
         border |= np.logical_and.accumulate(black, axis=axis)
@@ -64,5 +64,5 @@ def _black_border(black: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _edges(border: NDArray[np.bool_]) -> list[float]:
-    """Return the shares of a border along the top, bottom, left and right edge of an image, (H, W)."""
+    """Return the share of True pixels along the top, bottom, left and right edge of a mask, (H, W)."""
     return [float(edge.mean()) for edge in (border[0], border[-1], border[:, 0], border[:, -1])]

@@ -1,4 +1,4 @@
-"""What painted pictures are made of: palettes, noise, tilings, light, and layers of colour."""
+"""Elements of painted pictures: palettes, noise, tilings, light, and layers of colour."""
 
 from typing import Any, NamedTuple
 
@@ -35,24 +35,24 @@ _PALETTES = hex_colours("""
 
 
 def palette(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return five colours that go together, in random order, (5, 3) of 0 to 255."""
+    """Return five matching colours in random order, (5, 3) of 0 to 255."""
     return np.clip(rng.permutation(pick(rng, _PALETTES)) * rng.uniform(0.9, 1.08, 3), 0, 255)
 
 
 def pick(rng: np.random.Generator, colours: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a random colour out of several, (N, 3), or a random palette out of several, (N, K, 3)."""
+    """Return a random one of colours (N, 3), or of palettes (N, K, 3)."""
     chosen: NDArray[np.float64] = colours[int(rng.integers(len(colours)))]
     return chosen
 
 
 def colour(values: ArrayLike) -> Colour:
-    """Return a colour, (3,) levels, as Pillow takes it: whole numbers, clipped to 0 to 255."""
+    """Return a colour, (3,) levels, in Pillow's form: whole numbers, clipped to 0 to 255."""
     red, green, blue = (int(value) for value in np.clip(values, 0, 255))
     return red, green, blue
 
 
 def ink_on(paper: ArrayLike, colours: NDArray[np.float64]) -> Colour:
-    """Return the colour in which text is easiest to read on a paper; near-black or off-white where none is legible."""
+    """Return the colour with the highest contrast to a paper; near-black or off-white if no colour is legible."""
     ground = float(np.dot(paper, LUMINANCE_PARTS))
     contrast = np.abs(colours @ LUMINANCE_PARTS - ground)
     if contrast.max() > 90:
@@ -71,8 +71,8 @@ def fractal(
 ) -> Field:
     """Return noise (H, W) with a mean of about 0 and a standard deviation of about 1.
 
-    Its largest and smallest blobs have the given sizes, both powers of two. Each octave has the contrast of the next
-    coarser octave times ``persistence``, which is about 1 in photographs. Blobs are ``stretch`` times as wide as high.
+    The sizes of its largest and smallest blobs are powers of two. The contrast of an octave is that of the next coarser
+    octave times ``persistence``, which is about 1 in photographs. Blobs are ``stretch`` times as wide as high.
     """
     high, wide = shape[0], -(-shape[1] // stretch)
     cell, amplitude = coarsest_px, 1.0
@@ -103,15 +103,15 @@ def grid(side_px: int = SIDE_PX) -> tuple[Field, Field]:
 
 
 def direction(down: Field, right: Field) -> Field:
-    """Return the angle around a centre of points that lie ``down`` and ``right`` of it, rad.
+    """Return the angle, rad, around a centre, of points with the offsets ``down`` and ``right`` from the centre.
 
-    It is computed in float64: NumPy's float32 arctan2 depends on the processor, and so would the patches of a dataset.
+    It is computed in float64, since NumPy's float32 arctan2 depends on the processor: patches must not.
     """
     return np.arctan2(down.astype(np.float64), right.astype(np.float64)).astype(np.float32)
 
 
-class Tiling(NamedTuple):
-    """For each pixel, (H, W): its tile's number, roughly the distance to its border, and the offset from its centre."""
+class TileMap(NamedTuple):
+    """For each pixel, (H, W): its tile's number, its approximate distance to the border, its offset from the centre."""
 
     number: NDArray[np.int64]
     border: Field
@@ -119,18 +119,18 @@ class Tiling(NamedTuple):
     right: Field
 
     def uniform(self, rng: np.random.Generator, low: float, high: float) -> Field:
-        """Return a random number between two for each tile."""
+        """Sample a number between two for each tile, and return it for each pixel, (H, W)."""
         return rng.uniform(low, high, _TILES).astype(np.float32)[self.number]
 
     def one_of(self, rng: np.random.Generator, values: ArrayLike) -> Field:
-        """Return a random one of values (N, ...) for each tile."""
+        """Choose one of values (N, ...) for each tile, and return it for each pixel, (H, W, ...)."""
         return rng.permutation(np.resize(values, (_TILES, *np.shape(values)[1:]))).astype(np.float32)[self.number]
 
 
-def bond(high: float, wide: float, sway: Field | float = 0.0, shift: float = 0.0) -> Tiling:
-    """Lay tiles of one size in rows, like bricks; ``shift`` moves every other row by that part of a tile.
+def bond(high: float, wide: float, sway: Field | float = 0.0, shift: float = 0.0) -> TileMap:
+    """Arrange tiles of one size in rows, like bricks; ``shift`` moves every second row by that part of a tile.
 
-    ``sway`` moves each pixel, px: noise makes borders uneven.
+    ``sway`` moves each pixel, px: with noise, borders are uneven.
     """
     y, x = grid()
     row = np.floor((y + sway) / high)
@@ -139,11 +139,11 @@ def bond(high: float, wide: float, sway: Field | float = 0.0, shift: float = 0.0
     down, right = y + sway - (row + 0.5) * high, across - (column + 0.5) * wide
     border = np.minimum(high / 2 - np.abs(down), wide / 2 - np.abs(right))
     number = (row * 64 + column).astype(np.int64) % _TILES
-    return Tiling(number, *(np.asarray(field, np.float32) for field in (border, down, right)))
+    return TileMap(number, *(np.asarray(field, np.float32) for field in (border, down, right)))
 
 
-def cells(rng: np.random.Generator, size_px: float, irregular: float = 0.9) -> Tiling:
-    """Divide a picture among points about ``size_px`` apart, on a grid (``irregular`` 0) or at random (1)."""
+def cells(rng: np.random.Generator, size_px: float, irregular: float = 0.9) -> TileMap:
+    """Divide a picture into cells around points about ``size_px`` apart, on a grid (``irregular`` 0) or random (1)."""
     y, x = grid()
     count = int(SIDE_PX / size_px) + 3
     centres = np.mgrid[:count, :count] - 0.5 + rng.uniform(-0.5, 0.5, (2, count, count)) * irregular
@@ -157,16 +157,16 @@ def cells(rng: np.random.Generator, size_px: float, irregular: float = 0.9) -> T
         number = np.where(distance < nearest, candidate, number)
         nearest = np.minimum(nearest, distance)
     border = np.asarray((np.sqrt(second) - np.sqrt(nearest)) / 2, np.float32)
-    return Tiling(number % _TILES, border, y - rows[number], x - columns[number])
+    return TileMap(number % _TILES, border, y - rows[number], x - columns[number])
 
 
 def step(field: NDArray[Any], width: float = 1.0) -> Field:
-    """Return an edge: 0 where a field is below 0, 1 where it is above ``width``, and a linear ramp between."""
+    """Return a step: 0 where a field is below 0, 1 where it is above ``width``, and a linear ramp between."""
     return np.asarray(np.clip(field / np.float32(width), 0, 1), np.float32)
 
 
 def toned(field: NDArray[Any], colours: ArrayLike) -> Field:
-    """Colour a field (H, W): values from -2 to 2 run through the colours, (N, 3), in their order; (H, W, 3)."""
+    """Colour a field (H, W): values from -2 to 2 map to the range of colours, (N, 3), in their order; (H, W, 3)."""
     stops = np.asarray(colours, np.float64)
     at = np.linspace(0, len(stops) - 1, 1024)
     table = np.stack([np.interp(at, np.arange(len(stops)), stops[:, channel]) for channel in range(3)], axis=1)
@@ -175,13 +175,13 @@ def toned(field: NDArray[Any], colours: ArrayLike) -> Field:
 
 
 def mixed(below: ArrayLike, above: ArrayLike, mask: NDArray[Any]) -> Field:
-    """Lay pixels or a colour over the pixels or the colour ``below`` where a mask (H, W) is 1; (H, W, 3)."""
+    """Blend ``above`` over ``below``, pixels or a colour each, by a mask (H, W): 1 shows ``above``; (H, W, 3)."""
     low, high = np.asarray(below, np.float32), np.asarray(above, np.float32)
     return np.asarray(low + (high - low) * mask[..., np.newaxis], np.float32)
 
 
 def lit(pixels: ArrayLike | Image.Image, light: NDArray[Any]) -> Field:
-    """Multiply pixels (H, W, 3), or a colour, by a light (H, W); a light of 1 changes nothing."""
+    """Multiply pixels (H, W, 3), or a colour, by a light (H, W)."""
     return np.asarray(np.asarray(pixels) * light[..., np.newaxis], np.float32)
 
 
@@ -192,15 +192,15 @@ def relief(height: NDArray[Any], strength: float) -> Field:
 
 
 def veins(rng: np.random.Generator, sharpness: float, coarsest_px: int = 256, persistence: float = 0.6) -> Field:
-    """Return fine winding lines, (H, W): 1 on a line, falling off faster with ``sharpness``."""
+    """Return fine winding lines, (H, W): 1 on a line; a higher ``sharpness`` makes lines narrower."""
     noise = fractal(rng, coarsest_px=coarsest_px, persistence=persistence)
     return np.exp(-np.abs(noise).astype(np.float64) * sharpness).astype(np.float32)
 
 
 def finished(rng: np.random.Generator, image: NDArray[Any], grain: float = 5.0, light: float = 0.06) -> Pixels:
-    """Return a picture, (H, W, 3) of 0 to 255, as 8-bit RGB with grain and uneven light, as in any photograph.
+    """Add grain and uneven light, as in photographs, to a picture (H, W, 3) of 0 to 255; return it as 8-bit RGB.
 
-    ``grain`` is the standard deviation of the grain, levels, ``light`` that of the light, whose mean is 1.
+    ``grain`` is the standard deviation of the grain, levels. ``light`` is that of the light, whose mean is 1.
     """
     shade = 1 + light * fractal(rng, coarsest_px=512, finest_px=64, persistence=0.5)
     noise = grain * fractal(rng, coarsest_px=16, persistence=1.0)

@@ -1,4 +1,4 @@
-"""Clips: the files of an image, or of successive frames of a video, and the crops of their frames."""
+"""Reads clips, an image or successive frames of a video, and cuts crops out of them."""
 
 import re
 from collections import defaultdict
@@ -19,14 +19,14 @@ from semisynth_gl.textures.crops import Square, cover, cut_crop, sharpness_measu
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
 
 MOST_LAYERS = 2048
-"""Largest number of layers of an atlas: that of every OpenGL 4 driver."""
+"""Maximum number of layers of an atlas, which every OpenGL 4 driver supports."""
 MOST_FRAMES = 16
-"""Largest number of frames of a clip."""
+"""Maximum number of frames of a clip."""
 
 
 def natural_key(path: Path) -> tuple[str, list[str | int], str]:
-    """Return a sort key by folder, then by name, in which numbers count as numbers: frame2 before frame10."""
-    # Texts and numbers take turns, the first is a text. The name itself orders frame01 and frame1.
+    """Return a sort key by folder, then by name, with numbers in numeric order: frame2 before frame10."""
+    # Text and numbers alternate, beginning with text. The name itself orders frame01 and frame1.
     parts = re.split(r"(\d+)", path.name)
     return path.parent.as_posix(), [int(part) if number % 2 else part for number, part in enumerate(parts)], path.name
 
@@ -34,9 +34,9 @@ def natural_key(path: Path) -> tuple[str, list[str | int], str]:
 def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) -> list[list[Path]]:
     """Cut the images of each folder, sorted naturally by name, into successive clips of nearly equal length.
 
-    Clips get the largest number of frames for which patches times frames is at most `MOST_LAYERS`. The number of
-    patches is estimated as that of all crops, at most ``max_patches``; the readable image of a folder with most crops
-    stands for all. If painted pictures are used too (not ``alone``), it is ``max_patches``.
+    Clips get the largest number of frames for which patches times frames is at most `MOST_LAYERS`. ``max_patches`` are
+    expected; fewer if there are no painted pictures (``alone``) and fewer crops. The readable image of a folder with
+    the largest number of crops represents all images of the folder.
     """
     folders, crops = defaultdict[Path, list[Path]](list), defaultdict[Path, int](int)
     for path in sorted(images, key=natural_key):
@@ -63,11 +63,11 @@ class Crop:
     """A square of a clip.
 
     Attributes:
-        square: the square, under the name of the clip's first frame.
-        frames: its pixels in each frame, (P, P, 3) uint8 each; none once it is rejected.
-        texture: least `texture_measure` of all frames.
-        outcome: "kept", or why the crop is rejected: "flat" where any frame has less texture than ``min_texture``,
-            else "blurred" where any is less sharp than ``min_sharpness``; else "duplicate" or "surplus".
+        square: the square; its ``source`` is the name of the clip's first frame.
+        frames: its pixels in each frame, (P, P, 3) uint8 each; empty once the crop is rejected.
+        texture: smallest `texture_measure` of all frames.
+        outcome: "kept", or why the crop is rejected: "flat" if any frame has less texture than ``min_texture``, else
+            "blurred" if any frame is less sharp than ``min_sharpness``; else "duplicate" or "surplus".
     """
 
     square: Square
@@ -80,7 +80,7 @@ class Crop:
         self.outcome, self.frames = reason, []
 
     def add_frame(self, image: NDArray[np.uint8], section: TexturesSection) -> None:
-        """Cut the square out of a further frame, (H, W, 3), and judge it."""
+        """Cut the square out of one more frame, (H, W, 3), and judge the result."""
         patch = cut_crop(image, self.square, section.patch_px)
         self.texture = min(self.texture, texture_measure(patch))
         if self.texture < section.min_texture:
@@ -92,7 +92,7 @@ class Crop:
 
 
 def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: TexturesSection) -> list[Crop]:
-    """Return the crops of a part of an image, by side, row and column; none where the part is too small."""
+    """Return the crops of a part of an image, sorted by side, row and column; none if the part is too small."""
     crops = [Crop(square) for square in cover(name, part, section.patch_px, section.scales)]
     for crop in crops:
         crop.add_frame(image, section)
@@ -104,9 +104,9 @@ def read_clip(
 ) -> tuple[list[str], list[Crop], list[Skipped]]:
     """Read a clip, one frame at a time.
 
-    ``clip`` has the files of its frames, one of a still image, and ``names`` the name of each file. Returns the names
-    of the frames, the crops, and the files that were left out: unreadable ones, and frames of another size or EXIF
-    orientation than the first.
+    ``clip`` has the files of its frames (a still image has one), and ``names`` has the name of each file. Returns the
+    names of the frames, the crops, and the files that were skipped: unreadable files, and frames whose size or EXIF
+    orientation differs from the first frame's.
     """
     used, crops, skipped = list[str](), list[Crop](), list[Skipped]()
     shape: tuple[int, ...] = ()
@@ -124,7 +124,7 @@ def read_clip(
             for crop in crops:
                 crop.add_frame(image, section)
         else:
-            skipped.append(Skipped(path, "has another size or EXIF orientation than the first frame of its clip"))
+            skipped.append(Skipped(path, "differs in size or EXIF orientation from the first frame of its clip"))
             continue
         used.append(names[path])
     return used, crops, skipped

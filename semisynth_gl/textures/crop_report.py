@@ -1,4 +1,4 @@
-"""What became of every image and crop: counts, a summary, and the sheet of patches."""
+"""Reports the outcome of every image and crop: counts, a summary, and the sheet of patches."""
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -19,18 +19,18 @@ Outcome = Literal["kept", Rejection]
 REJECTIONS: tuple[Rejection, ...] = get_args(Rejection)
 _OUTCOMES: tuple[Outcome, ...] = ("kept", *REJECTIONS)
 
-# The summary notes when there are fewer subjects than this.
+# The summary has a note if there are fewer subjects than this.
 _FEW = 4
 
 _WIDTH_PX, _TILE_PX, _GAP_PX, _TEXT_PX = 1600, 72, 4, 11
-# Tiles beside each other that a label is at least as wide as.
+# Minimum width of a label, in tiles.
 _LEAST_COLUMNS = 3
 _PAPER, _INK = (250, 250, 248), (30, 30, 30)
 
 
 @dataclass(frozen=True, slots=True)
 class CropCount:
-    """How many crops of one side in one image had each `Outcome`; a square of several frames counts once."""
+    """Numbers of crops with each `Outcome`, for one side and one image; a square of several frames is one crop."""
 
     source: str
     side_px: int
@@ -43,16 +43,16 @@ class CropCount:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextureReport:
-    """What became of all images and their crops. Each frame of an image sequence counts as an image.
+    """The outcome of all images and their crops. Each frame of an image sequence is an image.
 
     Attributes:
         images_used: images with at least one patch in the atlas.
         images_unused: images that were read, but have no patch in the atlas.
-        images_too_small: images that are smaller than a patch along a side.
+        images_too_small: images narrower or lower than a patch.
         images_skipped: images that could not be used, and why.
         images_not_opened: images that were not needed, because there were enough patches.
         counts: one entry for each image and each side of its squares, in this order.
-        subjects: the subject's name by the image's name, for images that share their subject; see `Patch`.
+        subjects: by the image's name, the name of its subject, for images that share a subject; see `Patch`.
         patch_px: side of a patch.
     """
 
@@ -67,7 +67,7 @@ class TextureReport:
 
     @property
     def surface_shares(self) -> dict[str, float]:
-        """The share of the surfaces that wear patches of an image, by its name, sum 1; without large patches."""
+        """By image name, the share of surfaces with patches of the image, sum 1; large patches are ignored."""
         kept = [count.source for count in self.counts for _ in range(count.kept)]
         chances = patch_chances([self.subjects.get(source, source) for source in kept])
         shares: dict[str, float] = defaultdict(float)
@@ -76,19 +76,19 @@ class TextureReport:
         return dict(shares)
 
     def total(self, outcome: Outcome) -> int:
-        """Return the number of crops of all images with an outcome."""
+        """Return the number of crops with an outcome, over all images."""
         return count_crops(self.counts, outcome)
 
     @property
     def grouped_counts(self) -> dict[str, list[CropCount]]:
-        """The counts by image, or by the kind of procedural patches, in their order."""
+        """The counts grouped by image, or by kind of procedural patch, in their order."""
         groups: dict[str, list[CropCount]] = defaultdict(list)
         for count in self.counts:
             groups[_group(count.source)].append(count)
         return dict(groups)
 
     def summary(self) -> str:
-        """Return a few lines: patches, rejected crops, and images that were not used."""
+        """Return a few lines on patches, rejected crops, and unused images."""
         shown = len({self.subjects.get(count.source, count.source) for count in self.counts if count.kept})
         shared = of_subjects(self.images_used, shown) if self.subjects else ""
         rejected = ", ".join(f"{self.total(reason)} {reason}" for reason in REJECTIONS)
@@ -120,11 +120,11 @@ def _group(source: str) -> str:
 def draw_texture_sheet(
     report: TextureReport, patches: Iterable[tuple[str, NDArray[np.uint8]]], title: str
 ) -> Image.Image:
-    """Draw patches by image.
+    """Draw patches, grouped by image.
 
     Args:
-        report: of the atlas.
-        patches: image and pixels, (P, P, 3) uint8, of each.
+        report: the report of the atlas.
+        patches: each patch's image name and pixels, (P, P, 3) uint8.
         title: the sheet's first line.
     """
     tiles: dict[str, list[Image.Image]] = defaultdict(list)
@@ -144,7 +144,7 @@ def draw_texture_sheet(
 
 
 def _label(text: str, width_px: int) -> Image.Image:
-    """Draw a line of text; its beginning is left out where it is too long, as the ends of names tell more."""
+    """Draw a line of text. Too long a text loses its beginning, since the ends of names differ more."""
     font, text = ImageFont.load_default(_TEXT_PX), printable(text)
     while font.getlength(text) > width_px:
         text = f"...{text.removeprefix('...')[1:]}"
@@ -154,7 +154,7 @@ def _label(text: str, width_px: int) -> Image.Image:
 
 
 def _flow(images: Sequence[Image.Image], width_px: int) -> Image.Image:
-    """Put images beside each other, in as many rows as they need."""
+    """Arrange images in as many rows as they need."""
     places, x, y, height = [], 0, 0, 0
     for each in images:
         if x + each.width > width_px:

@@ -1,4 +1,4 @@
-"""Crops: squares cut out of an image and reduced to patches, their measures, and the duplicates among them."""
+"""Cuts squares out of images, reduces them to patches, measures them, and finds duplicates."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -15,17 +15,17 @@ FINGERPRINT_NORM = 1000
 LUMINANCE = (299, 587, 114)
 """Thousandths of red, green and blue in luminance, by ITU-R BT.601."""
 LUMINANCE_PARTS = np.array(LUMINANCE) / 1000
-"""The weights of `LUMINANCE` as parts of 1, (3,) float64."""
+"""The weights of `LUMINANCE`, which add up to 1, (3,) float64."""
 
-# Cells along each side of a patch in which texture and fingerprints are measured.
+# Number of cells along each side of a patch, in which texture and fingerprints are measured.
 _GRID_CELLS = 8
 
 
 class Square(NamedTuple):
     """A square of an upright image: column and row of its upper left pixel, and its side.
 
-    ``source`` is the image's path relative to the folder that all images share, or the name of a picture. For a clip it
-    is the path of the first frame.
+    ``source`` is the image's path relative to the folder that all images share, or the name of a picture. A clip has
+    the path of its first frame.
     """
 
     source: str
@@ -37,8 +37,8 @@ class Square(NamedTuple):
 def cover(source: str, part: Rectangle, patch_px: int, scales: Sequence[float]) -> list[Square]:
     """Return squares that cover a part of an image once for each scale, by increasing side, then by row and column.
 
-    A scale is a number of image pixels per patch pixel, 1 or more. Along each axis there are as few squares as cover
-    the part, evenly spread from border to border. A scale whose square does not fit gives no squares.
+    A scale is a number of image pixels per patch pixel, 1 or more. Along each axis, the smallest possible number of
+    squares is spread evenly from border to border. A scale whose square does not fit gives no squares.
     """
     return [
         Square(source, part.left_px + left, part.top_px + top, side)
@@ -52,15 +52,15 @@ def cover(source: str, part: Rectangle, patch_px: int, scales: Sequence[float]) 
 def _positions(extent: int, side: int) -> list[int]:
     count = -(-extent // side)
     gaps = max(count - 1, 1)
-    # In whole numbers, so that the last square ends exactly at the border and neighbours never leave a gap.
+    # In integers, so that the last square ends exactly at the border and there are no gaps between squares.
     return [(i * (extent - side) + gaps // 2) // gaps for i in range(count)]
 
 
 def cut_crop(image: NDArray[np.uint8], square: Square, patch_px: int) -> NDArray[np.uint8]:
-    """Cut a square out of an image (H, W, 3) uint8, as a patch (patch_px, patch_px, 3) uint8 with its own memory.
+    """Cut a square out of an image (H, W, 3) uint8; return a new array, a patch (patch_px, patch_px, 3) uint8.
 
-    A square of ``patch_px`` is copied bit for bit. A larger square is averaged over areas: for whole factors each patch
-    pixel is the mean of its factor x factor image pixels, rounded. A smaller square is interpolated.
+    A square of ``patch_px`` is copied bit for bit. A larger square is averaged over areas: for integer factors, each
+    patch pixel is the rounded mean of factor x factor image pixels. A smaller square is interpolated.
     """
     _, left, top, side = square
     cut = image[top : top + side, left : left + side]
@@ -70,7 +70,7 @@ def cut_crop(image: NDArray[np.uint8], square: Square, patch_px: int) -> NDArray
     if rest:
         filtered = Image.Resampling.BOX if side > patch_px else Image.Resampling.BICUBIC
         return np.array(Image.fromarray(cut).resize((patch_px, patch_px), filtered))
-    # Pillow's reduce is off by one level in some pixels, for factors other than powers of two.
+    # Not by Pillow's reduce: unless the factor is a power of two, it is off by one level in some pixels.
     # Rows and columns are added one by one, since numpy's sums over such short axes take four times as long.
     rows = sum((cut[row::factor] for row in range(1, factor)), cut[::factor].astype(np.uint32))
     sums = sum((rows[:, column::factor] for column in range(1, factor)), rows[:, ::factor])
@@ -79,18 +79,18 @@ def cut_crop(image: NDArray[np.uint8], square: Square, patch_px: int) -> NDArray
 
 
 def texture_measure(patch: NDArray[np.uint8]) -> float:
-    """Return how much texture a patch has: the median over a grid of 8 x 8 cells of the contrast in a cell.
+    """Return how much texture a patch has: the median contrast of a grid of 8 x 8 cells, from 0 to 127.5.
 
-    The contrast of a cell is the standard deviation of its luminance (0.299 R + 0.587 G + 0.114 B) in 8-bit levels.
-    Half of the patch must have texture: one strong edge across a blank wall counts for little. Patches below 16 pixels
-    have fewer cells, of 2 pixels or more. The measure runs from 0 to 127.5.
+    The contrast of a cell is the standard deviation of its luminance (0.299 R + 0.587 G + 0.114 B) in 8-bit levels. For
+    a high median, half of the patch must have texture: one strong edge across a blank wall has little effect. Patches
+    below 16 pixels have fewer cells, of 2 pixels or more.
 
     The patch is an image of any size, (H, W, 3) RGB or (H, W) grey.
     """
     luminance = _luminance(patch)
     heights, widths = (np.diff(_cell_edges(extent)) for extent in luminance.shape)
     counts = np.multiply.outer(heights, widths)
-    # The sums are whole numbers, so that a flat cell has a deviation of exactly zero.
+    # Sums are integers, so that a flat cell has a deviation of exactly zero.
     means = (_cell_sums(luminance, np.int64) / counts).repeat(heights, axis=0).repeat(widths, axis=1)
     squares = _cell_sums(np.square(luminance - means), np.float64)
     return float(np.median(np.sqrt(squares / counts))) / 1000.0
@@ -102,17 +102,17 @@ def least_texture(images: Iterable[NDArray[np.uint8]]) -> float:
 
 
 def sharpness_measure(patch: NDArray[np.uint8]) -> float:
-    """Return how sharp a patch is: the contrast of its finest octave against that of the third.
+    """Return how sharp a patch is: the contrast of its finest octave divided by that of the third octave.
 
-    The contrast of octave k is the root of the mean square that luminance loses when the means over squares with sides
-    of 2^(k - 1) pixels are averaged by 2 x 2 once more (a Haar decomposition). A blur lowers the finest octave first.
+    Octave k is the difference between the means over squares with sides of 2^(k - 1) pixels and the means over 2 x 2 of
+    these squares (a Haar decomposition). Its contrast is the root mean square. A blur lowers the finest octave first.
 
     The measure is 0.25 for a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to 1.5 for sharp
-    photographs; 4 for white noise; infinite where the third octave has no contrast. The patch is (P, P, 3) uint8 with P
-    of 8 or more; rows and columns beyond the last multiple of 8 do not count.
+    photographs; 4 for white noise; infinite if the third octave has no contrast. The patch is (P, P, 3) uint8 with P of
+    8 or more; rows and columns beyond the last multiple of 8 are ignored.
     """
     rows, columns = (extent // 8 * 8 for extent in patch.shape[:2])
-    # In whole numbers throughout, so that the measure is the same on every machine.
+    # In integers throughout, so that the measure is the same on every machine.
     sums = _luminance(patch[:rows, :columns]).astype(np.int64)
     energies = []
     for octave in range(3):
@@ -128,10 +128,10 @@ def sharpness_measure(patch: NDArray[np.uint8]) -> float:
 
 
 def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return the changes of luminance between neighbouring cells of an 8 x 8 grid, which near-identical patches share.
+    """Return a patch's fingerprint: the changes of luminance between neighbouring cells of an 8 x 8 grid.
 
-    The difference of two patches is 1 - a b / `FINGERPRINT_NORM`^2, one minus the correlation of these changes: 0 where
-    only brightness or contrast differ, about 0.01 for a patch compressed hard by JPEG, and about 1 for unrelated ones.
+    The difference of two patches is 1 - a b / `FINGERPRINT_NORM`^2, one minus the correlation of their fingerprints. It
+    is 0 if only brightness or contrast differ, about 0.01 after strong JPEG, and about 1 for unrelated patches.
 
     The patch is (P, P, 3) uint8 with P of 16 or more. Its fingerprint is (112,) float32 of whole numbers, whose
     products and sums are exact in any order.
@@ -154,7 +154,7 @@ class DuplicateFinder:
     def find(self, patches: Sequence[NDArray[np.uint8]]) -> list[int]:
         """Return the numbers of the duplicates among the crops of an image.
 
-        Of two crops that look alike, the second is the duplicate; crops of later images are compared with the first.
+        If two crops look alike, the second is the duplicate. Crops of later images are compared with the first.
         """
         if not patches:
             return []

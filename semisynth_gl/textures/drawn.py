@@ -17,7 +17,7 @@ KINDS: tuple[Callable[[np.random.Generator], Pixels], ...] = (
     *(prints.books, prints.city_map, prints.flowered, prints.labels, prints.leaves, prints.meadow),
     *(prints.page, prints.poster, prints.screen, *PLAIN),
 )
-"""The kinds of pictures: each function paints one, (`SIDE_PX`, `SIDE_PX`, 3) uint8, with no input but the generator."""
+"""The kinds of pictures: each function paints a picture, (`SIDE_PX`, `SIDE_PX`, 3) uint8, given only a generator."""
 
 
 def drawn_pictures(rng: np.random.Generator) -> Iterator[Picture]:

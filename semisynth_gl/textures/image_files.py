@@ -1,4 +1,4 @@
-"""Image files: finds the files of a source, names them in a dataset, and lists the photographs of scikit-image."""
+"""Finds the image files of a source, names them in a dataset, and lists the photographs of scikit-image."""
 
 import glob
 import os
@@ -21,9 +21,9 @@ _MAPS = re.compile(r"(disp|disp_refl|flow)_(occ|noc)(_[01])?|obj_map")
 
 
 def find_images(sources: Sequence[str | Path]) -> list[Path]:
-    """Return the image files that the sources name, as `find_files` finds them with `image_extensions`.
+    """Return the image files of the sources, which `find_files` finds with `image_extensions`.
 
-    Masks and maps that lie `beside_photographs` are left out, even where a source names them in full.
+    Files for which `beside_photographs` is true are left out, even if a source is the path of such a file.
 
     Raises:
         InputError: where a source matches no image.
@@ -32,7 +32,7 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
         if all(map(beside_photographs, find_files([source], image_extensions()))):
             raise InputError(
                 f"no image matches {str(source)!r}: expected an image file, a folder with images in it, or a glob such "
-                "as 'photos/**/*.jpg'; of HEIC and camera raw save copies as JPEG, PNG or TIFF"
+                "as 'photos/**/*.jpg'. Convert HEIC and camera raw files to JPEG, PNG or TIFF first"
             )
     return [path for path in find_files(sources, image_extensions()) if not beside_photographs(path)]
 
@@ -40,30 +40,30 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
 def beside_photographs(path: Path) -> bool:
     """Return whether a file is a mask or a map that lies beside the photographs of Middlebury, ETH3D or KITTI.
 
-    The name tells: ``mask0nocc.png``, or a folder of KITTI's for disparities, objects or flow.
+    We decide by name: the file is called ``mask0nocc.png`` or ``mask1nocc.png``, or its folder is one of KITTI's
+    folders for disparities, objects or flow.
     """
     return path.name in _MASKS or _MAPS.fullmatch(path.parent.name) is not None
 
 
 def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> list[Path]:
-    """Return the files that the sources name, sorted by path; a file that is reached twice, or by a link, appears once.
+    """Return the files of the sources, sorted by path; a file that is found twice, or through a link, appears once.
 
-    A source is a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` stands for
-    any folders and a matching folder is searched as well. ``~`` is the home folder. A file that is named in full is
-    returned whatever its extension is. In folders and globs only files with one of ``extensions`` are found; these are
-    given in lower case with their dot, and upper case in a file's name matches too. A source that matches nothing adds
-    no file.
+    A source is a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` matches any
+    folders; folders that match are searched, too. ``~`` is the home folder. If a source is a file, it is returned with
+    any extension. In folders and globs, only files with one of ``extensions`` are found. These are in lower case with
+    their dot, and match upper case in a file's name, too. A source that matches nothing adds no file.
     """
     found: set[Path] = set()
     for source in map(expanded, sources):
-        # A source that exists is a path, not a glob: "[" and "*" may stand in a real file name.
+        # A source that exists is a path, not a glob: real file names may contain "[" and "*".
         exists = os.path.exists(source)  # noqa: PTH110  # pathlib raises where a name is too long, or may not be seen
         for path in [source] if exists else map(Path, glob.glob(str(source), recursive=True)):  # noqa: PTH207
             if os.path.isdir(path):  # noqa: PTH112
                 found.update(below for below in files_below(path) if below.suffix.lower() in extensions)
             elif exists or (path.suffix.lower() in extensions and os.path.exists(path)):  # noqa: PTH110
                 found.add(path)
-    # Of several paths to a file the shortest is kept: a link to a folder above would make endless longer paths.
+    # Keep the shortest of several paths to a file: a link to a parent folder makes endlessly longer paths.
     unique: dict[str, Path] = {}
     for path in sorted(found, key=lambda path: (len(path.parts), path.as_posix())):
         unique.setdefault(os.path.realpath(path), path)
@@ -71,7 +71,7 @@ def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> li
 
 
 def reaching_source(folder: Path, sources: Sequence[str]) -> str | None:
-    """Return the first source by which `find_files` would find images in a folder yet to be written, or None."""
+    """Return the first source that would match images in a future output folder; None if no source would."""
     real = Path(os.path.realpath(folder))
     return next((source for source in sources if _reaches(expanded(source), real)), None)
 
@@ -83,12 +83,12 @@ def _reaches(source: Path, folder: Path) -> bool:
     if not rest or "**" in rest:
         return folder.is_relative_to(base)
     pattern = base.joinpath(*rest)
-    # A folder that a pattern matches is searched.
+    # A folder that matches a pattern is searched.
     return Path(*folder.parts[: len(pattern.parts)]).match(str(pattern))
 
 
 def relative_names(images: Sequence[Path]) -> dict[Path, str]:
-    """Return the name of each image: its path relative to the folder that all share, wherever that folder lies."""
+    """Return the name of each image: its path relative to the folder that all images share."""
     if not images:
         return {}
     absolute = [os.path.abspath(path) for path in images]  # noqa: PTH100  # links keep the user's names
@@ -98,7 +98,7 @@ def relative_names(images: Sequence[Path]) -> dict[Path, str]:
 
 
 def printable(name: str) -> str:
-    """Return a name with ``?`` for each unprintable letter: file names may hold line breaks and undecodable bytes."""
+    """Replace unprintable characters of a name by ``?``: file names may contain line breaks and undecodable bytes."""
     return "".join(letter if letter.isprintable() else "?" for letter in name)
 
 
@@ -111,7 +111,7 @@ def builtin_licences() -> dict[str, str]:
 def builtin_photographs() -> list[Path]:
     """Return the photographs of the installed scikit-image package that ``assets/photographs.yaml`` lists, sorted.
 
-    The package is found without importing it, and nothing is ever downloaded.
+    The package is found without importing it. Nothing is downloaded.
 
     Raises:
         InputError: where scikit-image is not installed, or lacks a listed file.
@@ -122,7 +122,7 @@ def builtin_photographs() -> list[Path]:
     missing = [str(path) for path in paths if not path.is_file()]
     if missing or not paths:
         raise InputError(
-            f"no photographs: {', '.join(missing) or 'scikit-image'}, used where none are given, is not installed; "
-            "name yours in textures.images, or install them: pip install --force-reinstall scikit-image"
+            f"no photographs are given, and built-in ones are missing ({', '.join(missing) or 'scikit-image'}): set "
+            "textures.images, or install them: pip install --force-reinstall scikit-image"
         )
     return paths

@@ -1,4 +1,4 @@
-"""Reading an image file of any kind as 8-bit RGB, or refusing it with a reason."""
+"""Reads image files of any kind as 8-bit RGB, or refuses them with a reason."""
 
 import warnings
 from collections.abc import Iterator
@@ -16,16 +16,16 @@ from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER
 from semisynth_gl.seeds.seeds import spread
 
 MAX_PIXELS = 178_956_970
-"""Most pixels of an image; a larger image is refused before anything is decoded. It is Pillow's own limit."""
+"""Maximum number of pixels of an image, Pillow's own limit. A larger image is refused before it is decoded."""
 
-# Pillow opens these formats but does not decode them, or starts another program to do so (Ghostscript for EPS).
+# Pillow opens these formats but cannot decode them, or needs an external program for it (Ghostscript for EPS).
 _FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF"})
 
 _WHITES = (255, 1023, 4095, 16383, 65535)
-"""White in 16-bit files of cameras with 8, 10, 12, 14 and 16 bits."""
+"""The level of white in 16-bit files from cameras with 8, 10, 12, 14 and 16 bits."""
 
 _SAMPLED = 8
-"""Files of a folder by which the bits of its images are told."""
+"""Number of files that are read to find the bit depth of a folder's 16-bit images."""
 
 
 class ImageError(ReadError):
@@ -42,14 +42,14 @@ def _formats() -> tuple[str, ...]:
 def image_extensions() -> frozenset[str]:
     """Return the file name extensions of images, in lower case and with their dot: all that Pillow decodes except .pfm.
 
-    PFM files are left out because stereo datasets store disparity in them.
+    Stereo datasets store disparity in PFM files.
     """
     formats = frozenset(_formats())
     return frozenset(end for end, name in Image.registered_extensions().items() if name in formats and end != ".pfm")
 
 
 def stored_size(path: Path) -> tuple[int, int]:
-    """Return (height, width) in pixels as in the file's header, before EXIF orientation; nothing is decoded.
+    """Return (height, width) in pixels from the file's header, before EXIF orientation; nothing is decoded.
 
     Raises:
         ImageError: where the header cannot be read, or the image is empty or exceeds `MAX_PIXELS`.
@@ -62,11 +62,10 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     """Read an image file as upright 8-bit RGB.
 
     - 8-bit RGB comes out bit for bit; colour profiles are not applied.
-    - Grey, palette, 1-bit, CMYK, YCbCr and LAB are converted by Pillow; of several frames the first is read.
-    - 16-bit grey is scaled so that 65535 becomes 255, rounded; or 255, 1023, 4095 or 16383, if neither the image nor
-      others of its kind in the folder have larger values, as of 10-bit to 14-bit sensors. 32-bit integers are taken for
-      16-bit ones.
-    - Transparent pixels become mid grey, since the colour stored under transparency was never meant to be seen.
+    - Pillow converts grey, palette, 1-bit, CMYK, YCbCr and LAB. Only the first of several frames is read.
+    - 16-bit grey is scaled so that white becomes 255, rounded. White is the smallest of 255, 1023, 4095, 16383 and
+      65535 that no 16-bit image of the folder exceeds (8 files are sampled). 32-bit integers are read as 16-bit.
+    - Transparent pixels become mid grey, since the colour stored under transparency is not meant to be visible.
 
     Returns:
         (H, W, 3) uint8 RGB, C-contiguous, EXIF orientation applied.
@@ -76,7 +75,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
             more than `MAX_PIXELS` pixels.
     """
     with _opened(path) as image:
-        # Asked for before the pixels are decoded, so that only one image is in memory.
+        # Before this image's pixels are decoded, so that only one image is in memory.
         level = _folder_level(path.parent, path.suffix) if _has_16_bits(image) else 0
         ImageOps.exif_transpose(image, in_place=True)
         if image.mode == "F":
@@ -95,8 +94,8 @@ def _opened(path: Path) -> Iterator[Image.Image]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about metadata, and about sizes that are decided here
-            # A file object, not a name: given a name, Pillow maps uncompressed TIFF into memory, and where EXIF turns
-            # the image by a quarter it takes the turned width for the stored width (seen in 13.0), which slants it.
+            # Pass a file object. If given a path, Pillow 13.0 memory-maps uncompressed TIFF and, for images that EXIF
+            # rotates by 90 degrees, uses the wrong row length.
             with path.open("rb") as file:
                 pointer = file.peek(len(LFS_POINTER)).startswith(LFS_POINTER)
                 with Image.open(file, formats=_formats()) as image:
@@ -123,7 +122,7 @@ def _has_16_bits(image: Image.Image) -> bool:
 
 
 def _grey(path: Path, image: Image.Image, level: int) -> NDArray[np.uint8]:
-    """Return the grey levels of an image with more than 8 bits, (H, W); ``level`` is the highest of its folder."""
+    """Return an image of more than 8 bits as 8-bit grey, (H, W); ``level`` is the highest level of its folder."""
     values: NDArray[Any] = np.asarray(image)
     low, high = values.min(), values.max()
     if not (low >= 0 and high <= _WHITES[-1]):
@@ -134,7 +133,7 @@ def _grey(path: Path, image: Image.Image, level: int) -> NDArray[np.uint8]:
 
 @lru_cache
 def _folder_level(folder: Path, suffix: str) -> int:
-    """Return the highest level of a folder's 16-bit grey images, by a few of those with a suffix."""
+    """Return the highest level in a sample of a folder's 16-bit grey images with this suffix."""
     files = sorted(path for path in folder.iterdir() if path.suffix == suffix)
     highest = 0
     for path in (files[number] for number in spread(len(files), _SAMPLED)):

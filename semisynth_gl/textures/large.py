@@ -1,4 +1,4 @@
-"""Large patches: the largest square of an image, for surfaces on which a small patch would repeat."""
+"""Cuts large patches: the largest square of an image, for surfaces on which a small patch would repeat."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from semisynth_gl.textures.images import read_image
 from semisynth_gl.textures.pictures import Picture
 
 MOST_LARGE = 24
-"""Largest number of large patches of an atlas; with sides of 1024 pixels they take 100 MB."""
+"""Maximum number of large patches of an atlas; with sides of 1024 pixels they need 100 MB."""
 
 
 def with_large_patches(
@@ -24,9 +24,9 @@ def with_large_patches(
 ) -> Atlas:
     """Return an atlas with large patches added: one for each subject, up to `MOST_LARGE`.
 
-    Subjects are taken in random order, with a random one of their images. A patch is the largest square of its image,
-    inside black borders and at a random place. An image smaller than the patch is enlarged: near walls are blurred in
-    photographs too. Patches are cut only from ``images``, by name, even if the atlas has patches of other images.
+    Subjects are chosen in random order, with a random one of their images. A patch is the largest square of its image,
+    inside black borders and at a random position. Images smaller than the patch are enlarged: near walls are blurred in
+    photographs, too. Patches are cut only from ``images``, given by name, even if the atlas has further images.
     """
     subjects = {patch.source: patch.subject for patch in atlas.patches if patch.source in images}
     if not subjects:

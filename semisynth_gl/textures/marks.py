@@ -1,4 +1,4 @@
-"""Marks that are drawn on painted pictures with Pillow: shapes, plants, lettering."""
+"""Draws marks on painted pictures with Pillow: shapes, plants, lettering."""
 
 from collections.abc import Callable
 from functools import cache
@@ -15,7 +15,7 @@ ba be bo bra ca ce chi co cra da de di do dra el en fa fi flo ga go gri ha hi ka
 no o pa pe pi plo ra re ri ro sa se shi so sta ta te ti to tra u va ve vi wa wi xa ya yo za
 """)
 SHEET_PX = 2 * SIDE_PX
-"""Sides of the image that shapes are drawn on, to be reduced since Pillow draws hard edges, pixels."""
+"""Sides of the image to draw shapes on, px. It is reduced afterwards, since Pillow draws hard edges."""
 
 Array = NDArray[np.float64]
 """Colours of 0 to 255, (N, 3) or (3,), or a point, (2,) x and y, px."""
@@ -24,7 +24,7 @@ Box = tuple[int, int, int, int]
 Pen = ImageDraw.ImageDraw
 
 font = cache(cast("Callable[[int], ImageFont.FreeTypeFont]", ImageFont.load_default))
-"""Returns Pillow's font, Aileron (CC0), of a size in pixels."""
+"""Returns Pillow's font, Aileron (CC0), in a size in pixels."""
 
 
 def blank(paper: ArrayLike, wide: int = SHEET_PX, high: int = SHEET_PX) -> tuple[Image.Image, Pen]:
@@ -80,7 +80,7 @@ def shape(pen: Pen, rng: np.random.Generator, x: float, y: float, size: float, i
 def leaf(
     pen: Pen, rng: np.random.Generator, at: Array, angle_rad: float, length: float, wide: float, tint: Array
 ) -> None:
-    """Draw a leaf or a petal from its stem on, ``wide`` in parts of its length: a shadow, two halves, veins."""
+    """Draw a leaf or a petal, beginning at the stem: a shadow, two halves, veins; ``wide`` is its width over length."""
     t, turn = np.linspace(0, 1, 8), length * _turned(angle_rad)
     spine = np.stack([t, rng.uniform(-0.5, 0.5) * t * (1 - t)], axis=1)
     breadth = np.outer(wide * np.sin(np.pi * t**0.8), (0, 1))
@@ -103,7 +103,7 @@ def flower(pen: Pen, rng: np.random.Generator, at: Array, radius: float, ink: Ar
 
 
 def fitted(text: str, width_px: float, largest_px: int) -> ImageFont.FreeTypeFont:
-    """Return the font in which a text is about ``width_px`` wide, 8 to ``largest_px`` pixels high."""
+    """Return the font size, from 8 to ``largest_px`` px, in which a text is about ``width_px`` wide, as a font."""
     return font(max(8, min(largest_px, int(20 * width_px / max(font(20).getlength(text), 1)))))
 
 
@@ -117,7 +117,7 @@ def lettering(
 ) -> None:
     """Fill a box with lines of invented words and numbers, each in a random one of the colours ``inks``, (N, 3).
 
-    Lines have the width of the box, but for a few; ``indented``, they begin and end anywhere, as in a program.
+    Most lines are as wide as the box. With ``indented``, lines begin and end anywhere, as in a program's source.
     """
     left, top, right, bottom = box
     letters, fills = font(size_px), [colour(ink) for ink in np.asarray(inks)]
@@ -137,7 +137,7 @@ def lettering(
 def block(image: Image.Image, rng: np.random.Generator, box: Box, paper: Array) -> None:
     """Fill a box of an image with a picture of clouds and shapes, a headline, or text.
 
-    On dark paper the text looks like a program's source.
+    On dark paper, the text looks like a program's source.
     """
     left, top, right, bottom = box
     wide, high, kind, inks, is_dark = right - left, bottom - top, rng.random(), palette(rng), paper.mean() < 128

@@ -1,4 +1,4 @@
-"""Painted pictures, which are held in memory: patches are cut from them as from photographs."""
+"""Painted pictures in memory, from which patches are cut as from photographs."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from semisynth_gl.inputs.errors import InputError
 class Picture:
     """A painted picture, (H, W, 3) uint8 RGB, top row first, under a name such as ``drawn/tartan``.
 
-    Names are unique within a source. Raises InputError where the pixels have another shape or type.
+    Names are unique within a source. Raises InputError if the pixels have a wrong shape or type.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The atlas of a dataset, from the source that its config names: built once, and then found in the cache."""
+"""Prepares a dataset's atlas from the source that the config names: builds it once, then loads it from the cache."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
@@ -22,25 +22,25 @@ from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import describe_source, open_source
 from semisynth_gl.textures.subjects import photographed_subjects
 
-# Most pictures that are kept in memory until the large patches are cut from them.
+# Maximum number of pictures that are kept in memory until large patches are cut from them.
 _REMEMBERED = 256
-# The ``purpose`` under which `Split.share` deals out photographs.
+# The ``purpose`` with which `Split.share` distributes photographs.
 _PHOTOGRAPHS = 0
-# Most of these keys decide how patches lie on models, not which patches there are; the files have their own place in
-# the cache's key.
+# Keys without influence on the patches: all but ``images`` decide how patches are mapped to models. The cache's key has
+# the files in a separate entry.
 _NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy", "wrap"}
 
 
 def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path] | None = None) -> Atlas:
-    """Build the patch atlas of a split, or load it from the cache; each split has its own painted pictures.
+    """Build the patch atlas of a split, or load it from the cache. Each split has its own painted pictures.
 
     Args:
         section: the config's section.
         split: the split, whose seed decides the choice of patches.
-        images: the result of `split_images`, where the caller has it already; else it is computed here.
+        images: the result of `split_images`; None to compute it here.
 
     Raises:
-        InputError: where no image is found, no image is usable, images are too few to hold some out, or a plug-in
+        InputError: where no image is found, no image is usable, there are too few images to hold some out, or a plug-in
             cannot be used.
     """
     if images is None:
@@ -79,7 +79,7 @@ def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> At
 
 
 def _remembered(pictures: Iterable[Picture], painted: dict[str, Picture]) -> Iterator[Picture]:
-    """Yield pictures, and put the first of them into ``painted``, by name, for large patches to be cut from them."""
+    """Yield pictures, and keep the first of them in ``painted``, by name, to cut large patches from them later."""
     for picture in pictures:
         if len(painted) < _REMEMBERED:
             painted[picture.name] = picture
@@ -87,12 +87,12 @@ def _remembered(pictures: Iterable[Picture], painted: dict[str, Picture]) -> Ite
 
 
 def split_images(section: TexturesSection, split: Split) -> list[Path]:
-    """Return the files that a split's patches may come from, sorted; none where all patches are painted.
+    """Return the files from which a split's patches may be cut, sorted; none if all patches are painted.
 
-    Photographs of one subject are held out together, and so are all frames of a folder and folders of one subject.
+    Photographs of one subject are held out together. So are all frames of a folder, and folders of one subject.
 
     Raises:
-        InputError: where no image is found, or images are too few to hold some out.
+        InputError: where no image is found, or there are too few images to hold some out.
     """
     images = list(describe_source(section.source).files(section))
     if not images or not split.held_out:
@@ -100,7 +100,7 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
     if not section.sequence:
         own = share_photographs(split, photographed_subjects(images), "photographs")
         return [path for path in images if path in own]
-    # Successive frames look much the same, so the first frame of a folder decides which subject the folder shows.
+    # Successive frames look much the same, so the first frame of a folder decides on the folder's subject.
     first = {path.parent: path for path in reversed(images)}
     subjects = photographed_subjects([first[folder] for folder in sorted(first)])
     own = share_photographs(split, subjects, "folders of frames")
@@ -108,12 +108,12 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
 
 
 def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: str) -> set[Path]:
-    """Return the photographs that a split takes, all or none of each subject; see `Split.share`.
+    """Return the photographs of a split, all or none of each subject; see `Split.share`.
 
     Errors call the photographs ``what``, a plural noun.
 
     Raises:
-        InputError: where there are too few subjects for each split to take one.
+        InputError: where there are fewer subjects than splits.
     """
     if sum(map(len, subjects)) > len(subjects):
         what = f"{what} of different subjects"

@@ -1,4 +1,4 @@
-"""Painted pictures of many marks: prints, packages, books, maps, screens, leaves, flowers."""
+"""Paints pictures of many marks: prints, packages, books, maps, screens, leaves, flowers."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ _SHELVES = hex_colours("785234 543c2c ac845a")
 
 
 def _scattered(rng: np.random.Generator, count: int) -> list[tuple[NDArray[np.float64], float]]:
-    """Return random points of a sheet, (2,) x and y, each with a number that rises from 0 to 1."""
+    """Return random points of a sheet, (2,) x and y, each with a number; the numbers rise from 0 to 1."""
     return list(zip(rng.uniform(-60, marks.SHEET_PX + 60, (count, 2)), np.linspace(0, 1, count), strict=True))
 
 
@@ -69,7 +69,7 @@ def flowered(rng: np.random.Generator) -> Pixels:
 
 
 def _printed(rng: np.random.Generator, image: Image.Image) -> Pixels:
-    """Return a print, (H, W, 3) of 0 to 255, as a camera sees it: with fibres, folds, stains and grain."""
+    """Add fibres, folds, stains and grain to a print, (H, W, 3) of 0 to 255, as a camera would show them."""
     folds = 0.12 * veins(rng, 40, 512, 0.45) + 0.12 * step(fractal(rng) - 1.4, 1.5)
     return finished(rng, lit(image, 1 - folds + 0.02 * fractal(rng, coarsest_px=32)), grain=4)
 
@@ -116,7 +116,7 @@ def screen(rng: np.random.Generator) -> Pixels:
 
 
 def _shelves(rng: np.random.Generator, wide: tuple[int, int], *, upright: bool) -> Pixels:
-    """Paint shelves full of packages of random widths; ``upright`` ones have their lettering along their height."""
+    """Paint shelves full of packages of random widths; with ``upright``, the lettering runs along their height."""
     image, pen = marks.blank((30, 24, 20), SIDE_PX, SIDE_PX)
     board, top = colour(pick(rng, _SHELVES)), -int(rng.integers(0, 80))
     while top < SIDE_PX:

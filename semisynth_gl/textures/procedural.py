@@ -1,4 +1,4 @@
-"""Patches that need no photograph: noise, stripes, checks, gradients and dots in random colours."""
+"""Paints patches without photographs: noise, stripes, checks, gradients and dots in random colours."""
 
 from collections.abc import Callable
 from itertools import cycle, islice
@@ -10,15 +10,15 @@ from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
 from semisynth_gl.textures.canvas import Field, fractal, grid, toned
 from semisynth_gl.textures.crops import texture_measure
 
-# Least texture of a patch, 8-bit levels: above the usual threshold for photographs.
+# Minimum texture of a patch, 8-bit levels: above the usual threshold for photographs.
 _MIN_TEXTURE = 5.0
 
 
 def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atlas:
-    """Make an atlas of ``count`` procedural patches, the counterpart of `build_atlas` where there are no photographs.
+    """Make an atlas of ``count`` procedural patches; like `build_atlas`, but without photographs.
 
-    Kinds take turns. Each patch is a pattern of random size and direction in random colours, under fine noise. A patch
-    with less texture than 5 levels (see `texture_measure`) is painted again. Sources are named like
+    Kinds alternate. Each patch is a pattern of random size and direction in random colours, under fine noise. A patch
+    with less texture than 5 levels (see `texture_measure`) is painted again. Sources have names such as
     ``procedural/stripes/00006``. ``patch_px`` is 16 or more.
     """
     kinds = list(islice(cycle(_KINDS.items()), count))
@@ -51,7 +51,6 @@ def _axes(rng: np.random.Generator, side_px: int) -> tuple[Field, Field]:
 # Each kind returns a field (P, P) of about -2 to 2, see `toned`.
 def _noise(rng: np.random.Generator, side_px: int) -> Field:
     field = _clouds(rng, side_px)
-    # Some fields are clouds, some are folded into veins.
     return 2 * np.abs(field) - 2 if rng.random() < 0.4 else field
 
 
@@ -64,7 +63,7 @@ def _stripes(rng: np.random.Generator, side_px: int) -> Field:
 def _checks(rng: np.random.Generator, side_px: int) -> Field:
     cell_px = rng.uniform(4, max(8, side_px / 6))
     rows, columns = (np.floor(axis / cell_px).astype(np.int64) for axis in _axes(rng, side_px))
-    # Every check has its level: a plain chess board repeats, and a matcher cannot tell its cells apart.
+    # Every check has its own level: a plain chess board repeats, and a matcher cannot distinguish its cells.
     levels = rng.uniform(-2, 0, (256, 256))[rows % 256, columns % 256]
     return np.asarray(2 * ((rows + columns) % 2) + levels, np.float32)
 

@@ -21,7 +21,7 @@ from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.subjects import subject_numbers
 
 PATCHES_PER_SUBJECT = 4
-"""Once the atlas is full and no subject has more patches than this, no further image is opened: decoding takes most of
+"""Once the atlas is full and no subject has more patches than this, no more images are opened: decoding takes most of
 the time."""
 
 
@@ -31,22 +31,22 @@ def build_atlas(
     rng: np.random.Generator,
     pictures: Iterable[Picture] | None = None,
 ) -> Atlas:
-    """Crop squares out of images and keep crops with texture that are sharp and unlike each other.
+    """Crop squares out of images, and keep crops that have texture, are sharp, and differ from each other.
 
-    Images are opened one at a time in random order. Each offers its good crops in random order, with scales taking
-    turns. A crop that hardly differs from an earlier good crop of any image is a duplicate. When there are more patches
-    than wanted, one is evicted from the fullest image of the fullest subject (see `subject_numbers`). Once the atlas is
-    full and no subject has more than `PATCHES_PER_SUBJECT`, the remaining images are not opened. Files and pictures
-    take turns while both last.
+    Images are opened one at a time in random order. The good crops of an image are added in random order, with
+    alternating scales. A crop that hardly differs from an earlier good crop of any image is a duplicate. If there are
+    more patches than wanted, one is evicted from the fullest image of the fullest subject (see `subject_numbers`). Once
+    the atlas is full and no subject has more than `PATCHES_PER_SUBJECT`, the remaining images are not opened. Files and
+    pictures alternate until either are used up.
 
-    With ``section.sequence``, clips of successive frames (see `cut_clips`) take the place of images, and each clip is a
-    subject. Crops are not compared, since successive clips of a video look much the same.
+    With ``section.sequence``, clips of successive frames (see `cut_clips`) replace images, and each clip is a subject.
+    Crops are not compared, since successive clips of a video look much the same.
 
     Args:
         images: the files, in any order.
         section: the config's section.
         rng: source of all random choices.
-        pictures: painted pictures with different names, asked for one at a time, in their order; None for no pictures.
+        pictures: painted pictures with unique names, of which only as many as needed are painted; None for no pictures.
 
     Returns:
         The atlas, with its patches ordered by image, side, row and column, files before pictures.
@@ -86,7 +86,7 @@ def build_atlas(
     if not chosen:
         given = counted(len(images) + len(painted), "image")
         raise InputError(
-            f"no patch can be cut from {given}: try other images, or smaller textures.patch_px, min_texture and "
+            f"no patch can be cut from {given}: try different images, or smaller textures.patch_px, min_texture and "
             f"min_sharpness\n{report.summary()}"
         )
     patches, layer = list[Patch](), 0
@@ -105,7 +105,7 @@ def build_atlas(
 
 @dataclass(slots=True, eq=False)
 class _Opened:
-    """An image or a clip that was opened: its subject, the names of its frames, all its crops, and the kept ones."""
+    """An image or a clip that was opened: its subject, the names of its frames, all crops, and the kept crops."""
 
     subject: int
     frames: list[str]
@@ -114,7 +114,7 @@ class _Opened:
 
 
 def _by_subject(opened: Mapping[int, _Opened]) -> list[list[_Opened]]:
-    """Group images that have crops by their subject; subjects are in the order in which they were first opened."""
+    """Group images that have crops by subject; subjects are in the order in which they were first opened."""
     groups: dict[int, list[_Opened]] = defaultdict(list)
     for image in opened.values():
         if image.crops:
@@ -127,7 +127,7 @@ def _patches(images: Iterable[_Opened]) -> int:
 
 
 def _settled(opened: Mapping[int, _Opened], most: int) -> bool:
-    """Return whether the atlas is full, and no subject has more than its `PATCHES_PER_SUBJECT`."""
+    """Return whether the atlas is full, and no subject has more than `PATCHES_PER_SUBJECT`."""
     sizes = [_patches(images) for images in _by_subject(opened)]
     return sum(sizes) == most and max(sizes) <= PATCHES_PER_SUBJECT
 
@@ -135,7 +135,7 @@ def _settled(opened: Mapping[int, _Opened], most: int) -> bool:
 def _evict(opened: Mapping[int, _Opened], most: int) -> None:
     """Reject the surplus: the fullest image of the fullest subject loses its last patch, until ``most`` are left.
 
-    The largest share only ever shrinks, so a patch that is evicted would never be needed again.
+    The largest number of patches of a subject never grows, so an evicted patch is never needed again.
     """
     subjects = _by_subject(opened)
     for _ in range(_patches(opened.values()) - most):
@@ -144,7 +144,7 @@ def _evict(opened: Mapping[int, _Opened], most: int) -> None:
 
 
 def _report(opened: Mapping[int, _Opened], skipped: Iterable[Skipped], not_opened: int, patch_px: int) -> TextureReport:
-    """Return what became of all images and crops, given the files that were not read or not opened."""
+    """Report the outcome of all images and crops, given skipped files and the number of files that were not opened."""
     images = [opened[number] for number in sorted(opened)]
     subjects: dict[int, list[str]] = defaultdict(list)
     for image in images:
@@ -163,14 +163,14 @@ def _report(opened: Mapping[int, _Opened], skipped: Iterable[Skipped], not_opene
 
 
 def _counts(crops: Sequence[Crop]) -> Iterator[CropCount]:
-    """Yield the numbers of an image's crops, by increasing side."""
+    """Yield the numbers of an image's crops with each outcome, by increasing side."""
     for side, of_side in groupby(crops, lambda crop: crop.square.side_px):
         outcomes = Counter[str](crop.outcome for crop in of_side)
         yield CropCount(crops[0].square.source, side, **outcomes)
 
 
 def _alternate_sides(crops: Sequence[Crop], rng: np.random.Generator) -> list[Crop]:
-    """Return crops in random order, taking one of each side in turn, from a random side on."""
+    """Return crops in random order with alternating sides, beginning with a random side."""
     sides = np.array([crop.square.side_px for crop in crops], dtype=np.int64)
     queues = [rng.permutation(np.flatnonzero(sides == side)) for side in rng.permutation(np.unique(sides))]
     return [crops[i] for i in chain.from_iterable(zip_longest(*queues)) if i is not None]

@@ -1,4 +1,4 @@
-"""How often surfaces wear each patch: subjects have equal shares, or less where they have few patches."""
+"""Decides how often each patch is used: subjects have equal shares, or smaller ones if they have few patches."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_TIMES = 4
-"""A patch is worn at most this many times as often as the mean patch, so subjects with few patches have less share."""
+"""A patch is used at most this many times as often as the mean patch, so subjects with few patches are used less."""
 
 
 def patch_chances(subjects: Sequence[str]) -> NDArray[np.float64]:
-    """Return the chance of each patch to be worn by a surface: (N,) float64, sum 1.
+    """Return the probability with which a surface gets each patch: (N,) float64, sum 1.
 
-    ``subjects``, (N,), names the subject that each patch shows; the patches of a subject share its chance evenly.
+    ``subjects``, (N,), names the subject of each patch. The patches of a subject are equally likely.
     """
     counts = Counter(subjects)
     shares = equal_shares(counts)
@@ -21,13 +21,13 @@ def patch_chances(subjects: Sequence[str]) -> NDArray[np.float64]:
 
 
 def equal_shares(counts: Mapping[str, int]) -> dict[str, float]:
-    """Return each subject's share of the surfaces, sum 1, given the number of its patches.
+    """Return each subject's share of the surfaces, sum 1, given the subject's number of patches.
 
-    Shares are equal, except that a subject whose patches would be worn too often (see `MOST_TIMES`) has less.
+    Shares are equal, except that a subject whose patches would be used too often (see `MOST_TIMES`) has less.
     """
     patches, rest = sum(counts.values()), 1.0
     shares = {}
-    # From few patches to many: what a subject cannot take goes to those with more patches.
+    # Subjects with few patches come first: the part that exceeds their limit goes to subjects with more patches.
     for place, name in enumerate(sorted(counts, key=lambda name: (counts[name], name))):
         shares[name] = min(rest / (len(counts) - place), MOST_TIMES * counts[name] / patches)
         rest -= shares[name]

@@ -1,4 +1,4 @@
-"""The sources that a config may take its patches from: the program's own and plug-ins."""
+"""The sources of patches that a config may name: the program's own and plug-ins."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from semisynth_gl.textures.drawn import drawn_pictures
 from semisynth_gl.textures.image_files import builtin_licences, builtin_photographs, find_images
 from semisynth_gl.textures.pictures import Picture
 
-# A plug-in may yield pictures for ever, none good enough for a patch.
+# Maximum number of pictures of a plug-in, which may yield pictures for ever, none of them good enough for a patch.
 _MOST_PICTURES = 10_000
 
 
@@ -25,12 +25,12 @@ class TextureSource:
     """A source of patches.
 
     Attributes:
-        files: returns the files that patches are cut from, sorted; raises `InputError` where files are missing. A
-            source without files returns none.
-        pictures: paints the pictures that patches are cut from, one at a time and only until there are enough patches.
-            None where nothing is painted.
-        licences: returns the licence of each of its files, by the file's name; empty where they are not known.
-        licence: which licence covers everything else: the one in the config, this program's own, or none.
+        files: returns the files from which patches are cut, sorted; empty for a source without files. Raises
+            `InputError` where files are missing.
+        pictures: paints the pictures from which patches are cut, one at a time, until there are enough patches. None
+            for a source that paints nothing.
+        licences: returns, by file name, the licence of each of its files; empty if unknown.
+        licence: the licence of everything else: the one in the config, this program's own, or none.
     """
 
     files: Callable[[TexturesSection], Sequence[Path]] = lambda _: ()
@@ -41,7 +41,7 @@ class TextureSource:
 
 def _of_the_user(section: TexturesSection) -> Sequence[Path]:
     if not section.images:
-        raise InputError("textures.source is images, but textures.images is empty: name your photographs there")
+        raise InputError("textures.source is images, but textures.images is empty: set it to your photographs")
     return find_images(section.images)
 
 
@@ -59,12 +59,12 @@ SOURCES: dict[str, TextureSource] = {
 
 
 def describe_source(name: str) -> TextureSource:
-    """Return a source by its name in a config, without importing plug-ins: the source of a plug-in paints nothing."""
+    """Return a source by its name in a config, without importing plug-ins: a plug-in's source then paints nothing."""
     return SOURCES.get(name, TextureSource())
 
 
 def open_source(name: str) -> TextureSource:
-    """Return a source by its name in a config; raises InputError where no source has the name."""
+    """Return a source by its name in a config; raises InputError if there is no such source."""
     if name in SOURCES:
         return SOURCES[name]
     plugin = find_plugin("textures", name)
@@ -72,7 +72,7 @@ def open_source(name: str) -> TextureSource:
 
 
 def _plugin_pictures(plugin: Plugin, rng: np.random.Generator) -> Iterator[Picture]:
-    """Yield the pictures of a plug-in, one at a time, named like ``prints/00003``."""
+    """Yield the pictures of a plug-in, one at a time, with names such as ``prints/00003``."""
     for number, pixels in enumerate(islice(plugin.value(rng), _MOST_PICTURES)):
         # A copy: the plug-in may paint the next picture into the same array.
         yield Picture(f"{plugin.name}/{number:05d}", np.array(pixels, order="C"))

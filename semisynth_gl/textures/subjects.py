@@ -1,7 +1,6 @@
-"""Subjects: photographs that show the same thing, such as both views of a stereo pair, by the names of their files.
+"""Groups photographs by subject: photographs of one subject show the same thing, such as both views of a stereo pair.
 
-Photographs show one subject where their names differ only in parts that distinguish views, such as ``left`` and
-``right``.
+Photographs show one subject if their names differ only in parts that distinguish views, such as ``left`` and ``right``.
 """
 
 import re
@@ -11,7 +10,7 @@ from pathlib import Path
 
 from semisynth_gl.inputs.errors import counted
 
-_MARK = "\0"  # stands for the part that distinguishes views; no name contains it
+_MARK = "\0"  # replaces the part that distinguishes views; no name contains it
 
 # A whole word of a name, as in scene_left, 0001R or imageLeft, but not a part of a word, as in bright.
 _SIDE = re.compile(
@@ -32,9 +31,9 @@ _LIGHT = re.compile(r"/(?:Illum\d|Exp\d|ambient/[FLT]\d)(?=/)")
 def subject_numbers(photographs: Sequence[Path]) -> list[int]:
     """Return the subject of each photograph: the position of the first photograph that shows it.
 
-    Names decide; no file is opened. The rules know the names of Middlebury, ETH3D, KITTI, EuRoC, SceneFlow and
-    Cityscapes, numbers of cameras, and ``left`` and ``right`` or ``l`` and ``r`` as words of a file or folder name.
-    Sharing a folder makes no subject.
+    Only names decide; no file is opened. The rules recognise the names of Middlebury, ETH3D, KITTI, EuRoC, SceneFlow
+    and Cityscapes, numbers of cameras, and the words ``left``, ``right``, ``l`` and ``r`` in file and folder names.
+    Photographs in one folder need not show one subject.
     """
     first: dict[str, int] = {}
     return [first.setdefault(_subject(path), number) for number, path in enumerate(photographs)]
@@ -49,7 +48,7 @@ def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
 
 
 def of_subjects(photographs: int, subjects: int) -> str:
-    """Return words to follow a number of photographs, such as `` of 12 subjects``; none where all subjects differ."""
+    """Return words to add to a number of photographs, such as `` of 12 subjects``; empty if all subjects differ."""
     return "" if photographs == subjects else f" of {counted(subjects, 'subject')}"
 
 

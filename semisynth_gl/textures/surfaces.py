@@ -7,7 +7,7 @@ from semisynth_gl.textures.canvas import (
     SIDE_PX,
     Field,
     Pixels,
-    Tiling,
+    TileMap,
     bond,
     cells,
     direction,
@@ -37,9 +37,9 @@ _RUST = hex_colours("301a14 70381e a45628 c47c3e 5a3e32")
 
 
 def _woven(rng: np.random.Generator, tints: NDArray[np.float64], depth: float, lean: float = 0.0) -> Pixels:
-    """Paint cloth of stitches in colours (rows, columns, 3), darker at their borders by ``depth``.
+    """Paint cloth of stitches in colours (rows, columns, 3); ``depth`` makes the borders of stitches darker.
 
-    With ``lean``, stitches have two legs, as in knitting, that meet that part of their height lower.
+    With ``lean``, a stitch has two legs, as in knitting, which meet lower by that part of the stitch's height.
     """
     y, x = grid()
     sway = fractal(rng, finest_px=8, persistence=0.6)
@@ -90,17 +90,17 @@ def knitting(rng: np.random.Generator) -> Pixels:
     while sum(map(len, bands)) < 1.25 * columns:
         motif = rng.random((int(rng.integers(2, 13)), int(rng.integers(4, 15)))) < 0.45 * (rng.random() < 0.7)
         repeated = np.tile(motif | motif[:, ::-1], columns)[:, :columns]
-        # Some stitches differ, so that no part of the picture looks like another.
+        # Change some stitches, so that no two parts of the picture look alike.
         repeated ^= rng.random(repeated.shape) < 0.25 * np.abs(np.sin(rng.uniform(0, 7) + np.arange(columns) / 8))
         bands.append(np.where(repeated, *rng.permutation(5)[:2].tolist()))
     return _woven(rng, palette(rng)[np.concatenate(bands)], 1.1, lean=1.5)
 
 
-def _paved(rng: np.random.Generator, tiling: Tiling, image: Field, dome: Field, gap: ArrayLike, rough: float) -> Field:
-    """Return tiles, (H, W, 3), whose height in relief is ``dome``, (H, W) px, with joints of a colour ``gap``."""
+def _paved(rng: np.random.Generator, tiled: TileMap, image: Field, dome: Field, gap: ArrayLike, rough: float) -> Field:
+    """Return tiles, (H, W, 3), with relief of height ``dome``, (H, W) px, and joints of the colour ``gap``."""
     grit = rough * fractal(rng, coarsest_px=64, persistence=1.0)
-    light = relief(dome + grit, 0.3) * (1 + 0.3 * grit) * tiling.uniform(rng, 0.8, 1.2)
-    return mixed(lit(gap, 1 + 0.18 * fractal(rng, coarsest_px=16)), lit(image, light), step(tiling.border, 1.5))
+    light = relief(dome + grit, 0.3) * (1 + 0.3 * grit) * tiled.uniform(rng, 0.8, 1.2)
+    return mixed(lit(gap, 1 + 0.18 * fractal(rng, coarsest_px=16)), lit(image, light), step(tiled.border, 1.5))
 
 
 def cobbles(rng: np.random.Generator) -> Pixels:
@@ -243,7 +243,7 @@ def fields(rng: np.random.Generator) -> Pixels:
 
 
 def fruit(rng: np.random.Generator) -> Pixels:
-    """Fruit, sweets or beads in a heap, each a ball with its light."""
+    """A heap of fruit, sweets or beads, each a lit ball."""
     colours, image = palette(rng), lit((24, 24, 24), np.ones((SIDE_PX, SIDE_PX)))
     size, speckle = rng.uniform(60, 140), fractal(rng, coarsest_px=32)
     for _ in range(4):

@@ -33,7 +33,7 @@ def test_patches_share_the_chance_of_their_subject():
     assert patch_chances([]).size == 0
 
 
-def worn(config, patches, scenes):
+def numbers_of_patches(config, patches, scenes):
     """The patches of many surfaces: those of small ones, and those of walls and panels."""
     sampler = sampler_of(config, worn=patches)
     sampled = [sampler.sample(number) for number in range(scenes)]
@@ -55,7 +55,7 @@ def test_surfaces_wear_subjects_equally_often():
     patches = tuple(replace(patch, first_layer=layer) for layer, patch in enumerate([*small, *large]))
     particles = {"layers": [{"disparity_px": [2, 12], "count": 150}]}
     config = cheap(textures={"large_px": 64}, particles=particles, structures={"panels": 8, "ground": 0})
-    for seen in worn(config, patches, 12):
+    for seen in numbers_of_patches(config, patches, 12):
         assert len(seen) > 100
         tolerance = 4 * np.sqrt(0.25 / len(seen))  # four standard deviations
         names = Counter(patches[number].shown for number in seen)

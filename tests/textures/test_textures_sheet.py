@@ -86,7 +86,7 @@ def test_any_file_name_can_be_shown(program, tmp_path):
         (["--out", "sheet.jpg"], "ends in .png"),
         (["--out", "no/sheet.png"], "does not exist"),
         (["--pairs", "2"], "--patches draws no pairs: leave --pairs out"),
-        (["--set", "textures.source=images"], "textures.images is empty: name your photographs there"),
+        (["--set", "textures.source=images"], "textures.images is empty: set it to your photographs"),
     ],
 )
 def test_wrong_input_writes_nothing(program, tmp_path, arguments, words):
