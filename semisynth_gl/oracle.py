@@ -1,8 +1,8 @@
-"""The oracle: disparity, normals and flow by float64 rays, against which the renderer is measured.
+"""The oracle: disparity, normals and flow by float64 rays, with which the renderer's output is compared.
 
-The oracle judges with the rays of `semisynth_gl.scene.raycast`, which neither the scene sampler nor the renderer uses.
-``hits`` are the R hits of one eye's rays through the pixel positions ``x_px`` and ``y_px`` (R,). ``models`` are the
-meshes that ``scene.model`` indexes. ``signed`` allows disparities of 0 and below.
+The oracle uses the ray caster `semisynth_gl.scene.raycast`, which neither the scene sampler nor the renderer uses. In
+all functions, ``hits`` are the R hits of one eye's rays through the pixel positions ``x_px`` and ``y_px`` (R,).
+``models`` are the meshes that ``scene.model`` indexes. ``signed`` allows disparities of 0 and below.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,11 +20,11 @@ from semisynth_gl.scene.scene import Motion, Scene
 def correspondence_px(
     camera: StereoCamera, eye: Eye, x_px: Floats, y_px: Floats, hits: Hits, *, signed: bool = False
 ) -> Floats:
-    """Return the displacement from each ray's pixel position to where the other eye would see the hit.
+    """Return the displacement from each ray's pixel position to the position at which the other eye would see the hit.
 
     Returns:
         (R, 2) float64 px, right and down; inf where nothing is hit, or the disparity is not valid. `disparity_of`
-        turns it into disparities.
+        turns displacements into disparities.
     """
     way = camera.correspondence(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64), hits.depth_m)
     disparity = way[:, 0] * (-1 if eye == "left" else 1)
@@ -48,30 +48,30 @@ def flow(
     *,
     signed: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
-    """Follow hit points of one eye's rays to the other moment of a motion, each on its own instance.
+    """Follow the points that one eye's rays hit to the target moment of a motion; each moves with its instance.
 
     The camera's translation does not move the sky.
 
     Returns:
-        The flow, (R, 2) float64 px, x right and y down, inf where there is no hit, or where the point is nearer than
-        the near plane at the other moment. The change of disparity in rectified pairs, (R,) float64 px, inf where the
-        flow is, and where the disparity is not valid at one of the moments. The depths at the other moment, (R,)
-        float64 m, inf in the sky.
+        The flow, (R, 2) float64 px, x right and y down; inf where there is no hit, or where the point is nearer than
+        the near plane at the target moment. The change of disparity in rectified pairs, (R,) float64 px; inf where the
+        flow is inf, and where the disparity is not valid at either moment. The depths at the target moment, (R,)
+        float64 m; inf in the sky.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
     later, depth_m = np.full((len(x), 3), np.inf), hits.depth_m
     is_sky = np.isin(hits.instance, np.flatnonzero(scene.sky))
     if is_sky.any():
-        # The sky in each direction is represented by a point of its instance.
+        # A point of the instance represents the sky in its direction.
         depth_m = np.where(is_sky, depth_on_planes(scene, models, eye, x, y, hits), depth_m)
     then = replace(scene, camera_from_world=motion.scene.camera_from_world, world_from_model=motion.world_from_model)
-    # Rays without a hit have no point: their product would be NaN.
+    # Rays without a hit have no point; without this replacement, the product would be NaN.
     points = camera.rays_of_eye(eye, x, y) * np.where(np.isfinite(depth_m), depth_m, 0.0)[:, None]
     both = zip(_triangles_hit(scene, models, eye, hits), _triangles_hit(then, models, eye, hits), strict=True)
     for (rays, corners, normal), (_, moved, _) in both:
-        # Move the triangle's corners, and the point with its barycentric coordinates: matrices of flat models have no
-        # inverse.
+        # Move the triangle's corners, and keep the point's barycentric coordinates: matrices of flat models have no
+        # inverse with which the point could be moved.
         across, area = points[rays] - corners[:, 0], (normal**2).sum(axis=1)
         edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         second = (np.cross(across, edge_2) * normal).sum(axis=1) / area
@@ -94,7 +94,7 @@ def flow(
 
 
 def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> Floats:
-    """Return the normals of the triangles that one eye's rays hit, on the side that faces this eye.
+    """Return the normals of the triangles that one eye's rays hit, towards this eye.
 
     Returns:
         (R, 3) float64 unit vectors in the eye's frame; 0 where a ray hits nothing.
@@ -108,9 +108,9 @@ def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> Float
 
 
 def _triangles_hit(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> Iterator[tuple[Ints, Floats, Floats]]:
-    """Yield, for each instance, its hits' numbers (N,), and their triangles' corners (N, 3, 3) and normals (N, 3).
+    """Yield, for each instance, the numbers (N,) of its hits, and the triangles' corners (N, 3, 3) and normals (N, 3).
 
-    Corners and normals are in the eye's frame; the normals are not unit vectors.
+    Corners and normals are in the eye's frame. Normals are not unit vectors.
     """
     for number in np.unique(hits.instance[hits.instance >= 0]).tolist():
         hit = np.flatnonzero(hits.instance == number)
@@ -120,9 +120,9 @@ def _triangles_hit(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -
 
 
 def depth_on_planes(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats, hits: Hits) -> Floats:
-    """Return the depths, at R pixel positions, of the planes of triangles that rays through other positions hit.
+    """Return the depths, at R pixel positions, of the planes of the triangles that ``hits`` have.
 
-    Close to an edge, the depths tell on which surface a pixel lies, which the tests of hard cases need.
+    With hits of rays nearby, the depths show on which surface a pixel close to an edge lies.
 
     Returns:
         (R,) float64 m; inf where there is no hit.

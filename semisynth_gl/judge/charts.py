@@ -1,4 +1,4 @@
-"""Plots by matplotlib: the contact sheet of a preview, and the histograms of a report."""
+"""Draws plots with matplotlib: the contact sheet of a preview, and the histograms of a report."""
 
 import io
 from base64 import b64encode
@@ -20,7 +20,7 @@ from semisynth_gl.judge.pictures import COLOUR_MAP
 Shares = NDArray[np.floating]
 
 _ACHIEVED, _WANTED = "#d98a3d", "#4a90d9"
-# Visible on a light and on a dark page.
+# A grey that is visible on light and dark pages.
 _INK = "#888888"
 _COLUMNS, _BINS, _DISPARITY_BINS = 4, 16, 72
 _WIDTH_IN, _ROW_IN, _FIRST_IN = 14.0, 1.9, 2.6
@@ -34,10 +34,10 @@ def draw_sheet(
 
     Args:
         frames: the pairs, at least one, with a disparity.
-        target: the distribution of disparity that the config asks for.
+        target: the config's target distribution of disparity.
         title: title of the sheet.
         names: a name for each pair, below its left image.
-        weights: how much each pair counts in the histogram.
+        weights: the weight of each pair in the histogram.
     """
     first = frames[0].camera
     row_in = (_SHEET_IN / 3.15) * first.height_px / first.width_px
@@ -70,8 +70,8 @@ def draw_sheet(
 
 
 def _draw_disparity(axis: Axes, achieved: Histogram | None, target: Histogram) -> None:
-    """Draw the achieved distribution of disparity, None where no pixel has a disparity, and the target's outline."""
-    # The outermost 0.01 % of pixels on either side would make the axis too long.
+    """Draw the achieved distribution of disparity (None if no pixel has a disparity), and the target's outline."""
+    # Cut off the outermost 0.01 % of pixels on both sides, which would make the axis too long.
     known = [each for each in (achieved, target) if each is not None]
     low, high = ([each.quantile(share) for each in known] for share in (1e-4, 1 - 1e-4))
     edges = np.linspace(min(low), max(high), _DISPARITY_BINS + 1)
@@ -82,7 +82,7 @@ def _draw_disparity(axis: Axes, achieved: Histogram | None, target: Histogram) -
 
 
 def _draw_shares(axis: Axes, edges: Shares, filled: Shares | None, outline: Shares | None, title: str) -> None:
-    """Draw two distributions, (K,) shares in bins with (K + 1,) edges: the dataset's filled, the wanted as a line."""
+    """Draw two distributions, (K,) shares in bins with (K + 1,) edges: one filled, the other as an outline."""
     if filled is not None:
         axis.stairs(filled, edges, fill=True, color=_ACHIEVED)
     if outline is not None:
@@ -93,7 +93,7 @@ def _draw_shares(axis: Axes, edges: Shares, filled: Shares | None, outline: Shar
 
 
 def draw_report(achieved: Histogram | None, target: Histogram, rows: Sequence[Row]) -> str:
-    """Draw the distributions of disparity, and of each measure in the dataset and in the place.
+    """Draw the distribution of disparity, and the distributions of each measure in the dataset and in the place.
 
     Returns:
         The drawing, an SVG, as a data URI. Equal arguments give equal drawings.

@@ -1,4 +1,4 @@
-"""Compares the measures of a dataset with its place, and of a pair with the other pairs."""
+"""Compares the measures of a dataset with those of its place, and finds pairs that differ from all others."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,32 +9,32 @@ from numpy.typing import NDArray
 
 from semisynth_gl.judge.measures import MEASURES, Measure, advice
 
-# Least number of a place's pictures with which a dataset is compared. With four pictures, and a dataset like its place,
-# one measure in four is more than one standard deviation apart by chance; with eleven pictures, one in thirty.
+# Minimum number of a place's pictures with which a dataset is compared. If a dataset is like its place, one measure in
+# four is more than one standard deviation apart by chance with four pictures, and one in thirty with eleven.
 FEWEST = 4
-# As shares of a measure's mean: the standard deviation assumed for a single picture, and the lower limit of any.
+# As shares of a measure's mean: the standard deviation assumed for a single picture, and the minimum for several.
 _UNKNOWN, _LEAST = 0.25, 0.05
-# Outliers are this many standard deviations off; a deviation is so many median absolute deviations, if normal.
+# An outlier is at least _FAR standard deviations off; these are _DEVIATION median absolute deviations, if normal.
 _FAR, _DEVIATION = 3.0, 1.4826
 
 HEAD = ("measure", "unit", "dataset", "place", "off by", "apart", "advice")
 Values = Mapping[str, NDArray[np.float64]]
-"""By the key of each of `MEASURES`, the numbers (N,) of the N pictures that have the measure."""
+"""For the key of each of `MEASURES`, the values (N,) of the N pictures that have the measure."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """A measure of a dataset, beside the same measure of its place.
+    """A measure of a dataset, compared with the same measure of its place.
 
     Attributes:
         measure: the measure.
-        dataset: (N,) float64, the numbers of the dataset's left views.
-        place: (M,) float64, the numbers of the place's pictures; empty without any.
-        difference: the dataset's mean minus the place's mean, in the place's standard deviations (`unit_of`). None
-            without numbers of the dataset, with fewer than `FEWEST` pictures of the place, or where all of these are 0.
-        distance: the Wasserstein-1 distance of both distributions, in the same unit. It decides: a mix of crowded and
-            empty scenes may have the place's mean although no pair resembles it.
-        advice: what to change in the config; "" where there is nothing to change, or no key is known.
+        dataset: (N,) float64, the values of the dataset's left views.
+        place: (M,) float64, the values of the place's pictures; may be empty.
+        difference: the dataset's mean minus the place's mean, in the place's standard deviations (`unit_of`). None if
+            the dataset has no values, or the place has fewer than `FEWEST` values, or only zeros.
+        distance: the Wasserstein-1 distance of both distributions, in the same unit. Advice depends on it: a mix of
+            crowded and empty scenes may have the place's mean although no pair resembles the place.
+        advice: what to change in the config; "" if there is nothing to change, or no key is known.
     """
 
     measure: Measure
@@ -45,7 +45,7 @@ class Row:
     advice: str = ""
 
     def values(self) -> dict[str, Any]:
-        """Return the row in JSON's types, unrounded; a mean without numbers is None."""
+        """Return the row in JSON's types, unrounded; the mean of no values is None."""
         values = {"name": self.measure.key, "meaning": self.measure.name, "unit": self.measure.unit}
         sides = {"dataset": self.dataset, "place": self.place}
         numbers = {
@@ -63,7 +63,7 @@ class MeasuredPair:
         position: index of the pair in the `Dataset` that was measured.
         name: name of the pair's scene, with the split in a dataset of several splits.
         recipe: the recipe that sampled the pair's scene; None where the config has no recipes.
-        values: the numbers of the left view, by the key of each of `MEASURES` that it has.
+        values: the values of the left view, for the key of each of `MEASURES` that the view has.
     """
 
     position: int
@@ -73,7 +73,7 @@ class MeasuredPair:
 
 
 class Outlier(NamedTuple):
-    """A pair whose value of a measure is far from the median ``typical``, by so many standard deviations."""
+    """A pair whose value of a measure is ``deviations`` standard deviations from the median, ``typical``."""
 
     pair: MeasuredPair
     measure: Measure
@@ -83,7 +83,7 @@ class Outlier(NamedTuple):
 
 
 def gather(pictures: Iterable[Mapping[str, float]]) -> Values:
-    """Collect the measures of pictures, each a mapping of the keys that it has, into arrays."""
+    """Collect the measures of pictures into arrays; a picture's mapping may lack some keys."""
     found = list(pictures)
     return {
         measure.key: np.array([each[measure.key] for each in found if measure.key in each], np.float64)
@@ -92,9 +92,9 @@ def gather(pictures: Iterable[Mapping[str, float]]) -> Values:
 
 
 def unit_of(values: NDArray[np.float64]) -> float:
-    """Return the standard deviation of a place's pictures, with Bessel's correction, in which differences are told.
+    """Return the unit of differences: the standard deviation of a place's pictures, with Bessel's correction.
 
-    It is at least 5 % of the mean, and 25 % of the mean for a single picture.
+    It is at least 5 % of the mean. For a single picture, it is 25 % of the mean.
     """
     mean = abs(float(values.mean()))
     return max(float(values.std(ddof=1)), _LEAST * mean) if len(values) > 1 else _UNKNOWN * mean
@@ -103,7 +103,7 @@ def unit_of(values: NDArray[np.float64]) -> float:
 def compare(dataset: Values, place: Values, recipes: Sequence[Mapping[str, Any]]) -> list[Row]:
     """Return a row for each measure that the dataset's left views or the place's pictures have.
 
-    ``recipes`` are the config of each recipe in JSON's types, or the config itself where it has no recipes.
+    ``recipes`` are the configs of the recipes in JSON's types, or only the config if it has no recipes.
     """
     return [
         _row(measure, dataset[measure.key], place[measure.key], recipes)
@@ -121,7 +121,7 @@ def _row(
 
     unit = unit_of(theirs)
     if unit == 0:
-        # All of the place's numbers are 0, so no deviation tells how far others are off.
+        # All values of the place are 0, so there is no unit of differences.
         return Row(measure, ours, theirs, advice=advice(measure, recipes, more=False) if ours.any() else "")
     off, apart = float(ours.mean() - theirs.mean()) / unit, float(wasserstein_distance(ours, theirs)) / unit
     change = ""
@@ -134,10 +134,10 @@ def _row(
 
 
 def find_outliers(pairs: Sequence[MeasuredPair]) -> list[Outlier]:
-    """Return for each measure the pair farthest from the median, if at least three deviations off; the farthest first.
+    """For each measure, return the pair farthest from the median, if at least three standard deviations off.
 
-    The standard deviation is estimated from the median absolute deviation. Where more than half of the pairs have the
-    same value, the mean absolute deviation is used instead.
+    The farthest outlier comes first. The standard deviation is estimated from the median absolute deviation, or from
+    the mean absolute deviation if more than half of the pairs have the same value.
     """
     outliers = []
     for measure in MEASURES:
@@ -155,7 +155,7 @@ def find_outliers(pairs: Sequence[MeasuredPair]) -> list[Outlier]:
 
 
 def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """Return a head and a row of texts for each measure; without pictures of a place, only the first three columns."""
+    """Return a head and a row of texts for each measure; only the first three columns if no place was measured."""
     texts = [
         (
             row.measure.name,
@@ -173,7 +173,7 @@ def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
 
 
 def summary(rows: Sequence[Row]) -> list[str]:
-    """Return how many measures are near the place's, and what to change, the farthest measures first, as lines."""
+    """Return lines: how many measures are near the place's, and what to change, for the farthest measures first."""
     compared = [row.distance for row in rows if row.distance is not None]
     near = sum(apart <= 1 for apart in compared)
     head = f"{near} of {len(compared)} measures within one standard deviation (sd) of the place"
@@ -182,7 +182,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
 
 
 def _shown(values: NDArray[np.float64]) -> str:
-    """Return mean and deviation as text, "-" without values."""
+    """Return mean and deviation as text, "-" if there are no values."""
     if not values.size:
         return "-"
     mean = abs(float(values.mean()))

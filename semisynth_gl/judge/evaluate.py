@@ -1,4 +1,4 @@
-"""Evaluate predictions pair by pair, against the truth or against predictions for the other views."""
+"""Evaluates predictions pair by pair, against the truth or against predictions for the right views."""
 
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike, fspath
@@ -18,9 +18,9 @@ from semisynth_gl.judge.truth import TruePair, disparity_maps, find_predictions,
 from semisynth_gl.seeds.splits import SplitName
 
 CONFIRMED_PX = 1.0
-"""Largest difference at which the two disparities of a point confirm each other, px: the bound of bad-1."""
+"""Maximum difference, px, at which the disparities of a point in both views agree: the bound of bad-1."""
 
-# Colours of error maps, KITTI's, and the errors that separate them.
+# KITTI's colours of error maps, and the errors that separate them.
 _BOUNDS = np.array([1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16], np.float32)
 _COLOURS = np.array(
     [
@@ -67,7 +67,7 @@ def evaluate(
     rules = find_protocol(true_set.protocol if protocol is None else protocol)
     files = find_predictions(folder, true_set.pairs)
     if maps is not None and expanded(fspath(maps)).resolve() in (folder.resolve(), expanded(fspath(truth)).resolve()):
-        raise InputError(f"{maps}: has predictions or truth; name another folder", argument="maps")
+        raise InputError(f"{maps}: has predictions or truth; choose a different folder", argument="maps")
     regions: dict[str, dict[str, Sums]] = {}
     images: list[dict[str, Any]] = []
     for pair, path in zip(progress(true_set.pairs), files, strict=True):
@@ -107,15 +107,14 @@ def _finite(values: dict[str, float]) -> dict[str, float | None]:
 def draw_error_map(comparison: PixelComparison) -> NDArray[np.uint8]:
     """Draw the errors of a prediction as an image (H, W, 3) uint8 RGB, in ten colours from blue to red.
 
-    Each colour stands for errors twice as large as the previous colour's. Source: ``errorImage`` in io_disp.h and
-    log_colormap.h of KITTI's development kit. The colour stands for the smaller of e / 3 px and e / 5 % of the truth.
-    Values of 1 and above are the outliers of D1: yellow to red. A pixel without a valid prediction is as bad as the
-    worst. Occluded pixels are half as bright. Pixels without truth are black. Unlike the kit, this paints a pixel with
-    truth as one pixel, not as 3 x 3.
+    The colour shows the smaller of e / 3 px and e / 5 % of the truth; each colour means twice the value of the previous
+    colour. Values of 1 and above are the outliers of D1: yellow to red. A pixel without a valid prediction has the
+    worst colour. Occluded pixels are half as bright. Pixels without truth are black. Source: ``errorImage`` in
+    io_disp.h and log_colormap.h of KITTI's development kit, which paints 3 x 3 pixels for each pixel with truth.
     """
     error = np.where(comparison.scored, comparison.error, np.float32(np.inf))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # Beside a truth of 0, the relative error is infinite, unless the error is 0 too.
+        # If the truth is 0, the relative error is infinite, unless the error is 0, too.
         relative = np.where(error == 0, 0.0, 20.0 * error.astype(np.float64) / np.abs(comparison.truth.disparity))
         magnitude = np.minimum(error / 3.0, relative).astype(np.float32)
     # NaN sorts after all bounds and so gets the worst colour.
@@ -127,7 +126,7 @@ def draw_error_map(comparison: PixelComparison) -> NDArray[np.uint8]:
 
 
 def evaluate_views(predictions: Path, predictions_right: Path) -> dict[str, Any]:
-    """Judge a folder of left views' maps by a folder of right views' maps, which have the same paths.
+    """Compare a folder of left views' maps with a folder of right views' maps, which have the same paths.
 
     Returns:
         The content of ``--json``, in JSON's types: ``confirmed_px`` (see `CONFIRMED_PX`), the number of ``pairs``,
@@ -154,11 +153,11 @@ def evaluate_views(predictions: Path, predictions_right: Path) -> dict[str, Any]
 
 
 def unconfirmed(left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
-    """Return the share of a left view's pixels (H, W), in percent, whose disparity the right view does not confirm.
+    """Return the percentage of a left view's pixels (H, W) whose disparity does not agree with the right view's.
 
-    A left pixel with disparity d is compared with the right view's pixel nearest to x - d. Pixels without disparity
-    count as unconfirmed, and so do occluded ones; pixels whose point lies outside the right image do not count.
-    Raises InputError where the sizes differ, or no disparity leads into the right image.
+    A left pixel with disparity d is compared with the right view's pixel nearest to x - d. Pixels without a disparity
+    and occluded pixels are unconfirmed. Pixels whose point lies outside the right image are ignored. Raises InputError
+    if the sizes differ, or no disparity leads into the right image.
     """
     if left.shape != right.shape:
         raise InputError(f"the left view has {shown_size(left)}, the right one {shown_size(right)}: expected one size")

@@ -1,4 +1,4 @@
-"""Checks that all files are there and as recorded, and that no other file misleads a loader."""
+"""Checks that all files exist and are as recorded, and that no foreign file misleads a loader."""
 
 import hashlib
 from io import BufferedReader
@@ -20,9 +20,9 @@ _NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})
 
 
 def check_index(index: StoredIndex, verdict: Verdict) -> None:
-    """Check that the index agrees with itself, and that the dataset's files have the names that the index gives."""
+    """Check that the index is consistent, and that documents and lists exist, and no files that it does not list."""
     plan, root, present = index.plan, index.root, frozenset(names_below(index.root))
-    # The plan has the config without the keys that this version does not know.
+    # From the file, since the plan's config lacks the keys that this version does not know.
     digest = digest_of(JSON_OBJECT.decode(read_whole(root, INDEX), Path(INDEX))["config_values"])
     if digest != plan.config_sha256:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {plan.config_sha256:.12}")
@@ -35,7 +35,7 @@ def check_index(index: StoredIndex, verdict: Verdict) -> None:
     links = {name for name in plan.links if is_local(root) and (root / name).is_symlink()}
     if foreign := sorted(present - (_ABOUT | {LOCK} | plan.lists.keys() | shards | links)):
         files = counted(len(foreign), "file")
-        verdict.add("files", f"{files} that the index does not list and loaders may take for a pair's: {foreign[0]}")
+        verdict.add("files", f"{files} that the index does not list, and loaders may read as a pair's: {foreign[0]}")
     for name in sorted(_ABOUT - present):
         verdict.add("files", f"{name} is missing")
     for name, expected in plan.lists.items():
@@ -77,11 +77,11 @@ def read_pair(
 ) -> StoredFrame | None:
     """Read a pair's files, and compare their names, digests, sizes and origin with index, layout and record.
 
-    Faults become findings. The result is None where the pair cannot be judged further.
+    Faults become findings. The result is None if the pair cannot be judged further.
     """
     plan = index.plan
     if plan.layout.packed and record is None:
-        return None  # the shard has the finding
+        return None  # `check_shard` has added a finding
     values = _read_files(index, shard, record, number, verdict)
     if not values.keys() >= _NEEDED:
         return None
@@ -101,7 +101,7 @@ def read_pair(
 def _read_files(
     index: StoredIndex, shard: Shard, record: Record | None, number: int, verdict: Verdict
 ) -> dict[str, Any]:
-    """Read a pair's files that can be read, and return their content by role."""
+    """Read all readable files of a pair, and return their content by role."""
     plan, values = index.plan, dict[str, Any]()
     expected = plan.files(shard.split, number)
     listed = record.samples[number - shard.first].files if record is not None else {}
@@ -113,7 +113,7 @@ def _read_files(
                 data = read_members(index.root, shard, record, number, [name])[name]
             else:
                 data = read_whole(index.root, name)
-            # Files in a tar have no digest: the whole tar has one.
+            # Files in a tar have no digest; only the tar has one.
             recorded, digest = listed[name].sha256 if name in listed else None, hashlib.sha256(data).hexdigest()
             if recorded not in (None, digest):
                 verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {recorded:.12}")

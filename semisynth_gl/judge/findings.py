@@ -18,7 +18,7 @@ class Finding:
 
     Attributes:
         scene: name of the pair's scene, with its split in a dataset of several splits; or `DATASET`.
-        check: name of the check; checks of one array have its channel's name.
+        check: name of the check; a check of one array is named after the array's channel.
         message: the fault, on one line.
     """
 
@@ -34,7 +34,7 @@ class Finding:
 class Verdict:
     """The results of all checks of one scene, or of the `DATASET`.
 
-    Findings are in the order of the checks. Measures are numbers by name; the unit is part of the name.
+    Findings are in the order of the checks. Measures are numbers by name; a measure's name ends in its unit.
     """
 
     scene: str
@@ -46,9 +46,9 @@ class Verdict:
         self.findings.append(Finding(self.scene, check, " ".join(message.split())))
 
     def add_pixels(self, channel: str, eye: Eye, fault: str, wrong: NDArray[np.bool_]) -> None:
-        """Add a finding about the ``wrong`` pixels (H, W) of an eye's channel: a fault such as "is NaN"; none if none.
+        """Add a finding if any pixel (H, W) of an eye's channel is ``wrong``; the ``fault`` is text such as "is NaN".
 
-        It has the number of these pixels and the place of the first.
+        The finding has the number of these pixels and the position of the first.
         """
         if wrong.any():
             row, column = np.argwhere(wrong)[0]

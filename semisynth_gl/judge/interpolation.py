@@ -1,4 +1,4 @@
-"""Values of arrays at points between their pixels, and in holes of disparity maps."""
+"""Interpolates arrays at points between their pixels, and fills holes of disparity maps."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ def corners(array: Floats, x: Floats, y: Floats) -> Floats:
         y: (N,) rows, from 0 to H - 1.
 
     Returns:
-        (4, N, C), with C = 1 for (H, W). The four pixels of a point on a row or column coincide in pairs.
+        (4, N, C), with C = 1 for (H, W). If a point lies on a row or column, its four pixels coincide in pairs.
     """
     left, right, top, bottom = (place.astype(np.intp) for place in (np.floor(x), np.ceil(x), np.floor(y), np.ceil(y)))
     array = array.reshape(*array.shape[:2], -1)
@@ -30,17 +30,17 @@ def between(around: Floats, x: Floats, y: Floats) -> Floats:
 
 
 def fill_holes(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a disparity (H, W) px with its holes, which are not finite, filled as KITTI's development kit does.
+    """Fill the holes, which are not finite, of a disparity (H, W) px, as KITTI's development kit does.
 
-    Within a row, a hole takes the smaller of the nearest values to its left and right, or the only one: most holes are
-    background that only one eye sees. Rows above the first and below the last row with a value become copies of it.
-    Other rows without any value get -1, KITTI's value for no disparity.
+    A hole gets the smaller of the nearest values to its left and right in its row, or the only one of them: most holes
+    are background that only one eye sees. Rows above the first row with a value become copies of that row, and so on
+    below the last. Other rows without any value get -1, KITTI's value for no disparity.
     """
     known, column = np.isfinite(disparity), np.arange(disparity.shape[1])
     before = np.maximum.accumulate(np.where(known, column, 0), axis=1)
     after = np.minimum.accumulate(np.where(known, column, column[-1])[:, ::-1], axis=1)[:, ::-1]
     disparity = np.where(known, disparity, np.float32(np.nan))
-    # Where only one side has a value, fmin takes it.
+    # If only one side has a value, fmin returns it.
     filled = np.fmin(np.take_along_axis(disparity, before, axis=1), np.take_along_axis(disparity, after, axis=1))
     rows = np.flatnonzero(known.any(axis=1))
     if rows.size:

@@ -1,4 +1,4 @@
-"""Checks borders, raw images and maps into raw images against the lens in the pair's provenance."""
+"""Compares borders, raw images and maps into raw images with the lens in the pair's provenance."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,21 +11,22 @@ from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.interpolation import Floats, between, corners
 from semisynth_gl.lens.borders import valid_at
 
-# Bounds, px; docs/verify.md has them. Pixels whose place in the raw image is nearer to its border are not judged.
+# Bounds, px, which docs/verify.md lists. Pixels that map to points nearer to the raw image's border are not judged.
 _BORDER_PX, _MAP_PX = 0.01, 1e-3
-# Errors by float32: of OpenCV's maps beyond the sensor, as a share of the distance from it, and of a vector's end, px.
+# Errors by float32: of OpenCV's maps, as a share of the distance beyond the sensor; of a vector's end, px.
 _MAP_SHARE, _END_PX = 1e-5, 1e-3
-# OpenCV rounds a position to so many steps a pixel, along each axis.
+# Number of steps per pixel to which OpenCV rounds a position, along each axis.
 _PHASES = 32
 
 
 def find_borders(
     frame: StoredFrame, eye: Eye, channel: str, vectors: Floats, error_px: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return where a sensor saw nothing of a view's point, at its pixel or at its vector's end, (H, W) bool each.
+    """Return the pixels of a view whose point a sensor cannot have seen, at the pixel or at the end of its vector.
 
-    The first array is where that is sure, the second where it may be, up to the rounding of ``vectors`` (H, W, 2) px.
-    All are False for a pair without ``valid``. ``channel``, disparity or flow, is what the vectors come from.
+    There are two masks, (H, W) bool each: pixels for which this is certain, and pixels for which it is possible within
+    the rounding of ``vectors`` (H, W, 2) px. Both are False for a pair without ``valid``. ``channel``, disparity or
+    flow, is the channel from which the vectors come.
     """
     view = frame.view(eye)
     goal = frame.view(OTHER_EYE[eye]) if channel == "disparity" else view
@@ -39,10 +40,10 @@ def find_borders(
 
 
 def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check a view's ``valid``, ``raw_map`` and ``raw``, where it has them, by the lens of the pair's provenance.
+    """Compare a view's ``valid``, ``raw_map`` and ``raw``, if present, with the lens of the pair's provenance.
 
-    The mask and the map must be where the lens leads into the raw image, and the image must be what a bilinear filter
-    makes of the raw one there.
+    The mask and the map must agree with the positions in the raw image to which the lens leads. Bilinear interpolation
+    of the raw image at these positions must give the view's image.
     """
     view = frame.view(eye)
     present = [name for name in ("valid", "raw_map", "raw") if name in view]
@@ -62,7 +63,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         wrong = np.where(view.valid == VISIBLE, ~(within_px >= -_BORDER_PX), within_px > _BORDER_PX)
         verdict.add_pixels("valid", eye, "disagrees with the lens", wrong)
     if "raw_map" in view:
-        # Beyond the sensor, a bent position grows fast, and float32 rounds it in proportion.
+        # Beyond the sensor, distorted positions become large fast, and float32 rounds them in proportion.
         bounds = _MAP_PX + _MAP_SHARE * np.nan_to_num(np.maximum(-within_px, 0), posinf=0)[..., None]
         expected = np.where(np.isnan(positions), np.inf, positions)
         wrong = ~np.isclose(view["raw_map"], expected, rtol=0, atol=bounds).all(axis=2)
@@ -70,7 +71,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     if "raw" in view:
         wrong, seen = np.zeros(within_px.shape, bool), within_px >= 0
         around = corners(view["raw"].astype(np.float32), *positions[seen].T)
-        # A position that is rounded by half a step along both axes, and a rounded level.
+        # The bound allows a position rounded by half a step along both axes, and a rounded level.
         bound = np.ptp(around, axis=0) / _PHASES + 1
         levels = view.image[seen].reshape(len(bound), -1)
         wrong[seen] = (np.abs(levels - between(around, *positions[seen].T)) > bound).any(axis=1)

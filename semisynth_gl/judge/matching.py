@@ -1,8 +1,8 @@
-"""Checks vectors from one image into another by the vectors back, the disparities, the mask and the image there.
+"""Checks vectors from one image into a second image by the vectors back, the disparities, the mask and the image there.
 
-Disparities lead from one view of a pair to the other, flow from a frame of a sequence to the next or the previous one.
-Textures carry no light and move with their surfaces, so both images sample the same texture at the same point of a
-surface. They differ by the error of interpolating the other image between its pixels, and by the imperfections of rigs.
+Disparities lead from one view of a pair to the other. Flow leads from a frame of a sequence to the next or the previous
+frame. Textures are not shaded and move with their surfaces, so both images sample the same texture at the same point of
+a surface. The images differ by the interpolation between the pixels of the second image, and by imperfections of rigs.
 """
 
 import numpy as np
@@ -18,33 +18,34 @@ from semisynth_gl.judge.lens import find_borders
 Where = NDArray[np.bool_]
 
 _OPPOSITE = {"flow": "flow_backward", "flow_backward": "flow"}
-# Bounds; docs/verify.md has them.
+# Bounds, which docs/verify.md lists.
 _OUTSIDE_PX, _OUTSIDE_SHARE = 0.2, 0.02
 _MEDIAN_PX = 0.01
 _SEEN_SHARE, _HIDDEN_SHARE = 0.02, 0.1
-# Added to each share's number of pixels: those around one thin object are wrong together.
+# Number of pixels that is added to each share, since all pixels around a thin object are wrong together.
 _FEW_PIXELS = 20
-# Below this difference, both images see the same point.
+# If disparities or vectors differ by less than this, both images show the same point.
 _SAME_PX = 0.05
-# A point is hidden where all pixels around it have a disparity that is larger by more than this.
+# A point is hidden if the disparities of all pixels around it exceed its own by more than this.
 _HIDDEN_PX = 0.25
-# Below this second difference, a pixel and its neighbours are one surface.
+# If second differences are below this, a pixel and its neighbours are one surface.
 _SMOOTH_PX = 0.25
-# A point that is nearer to the image's border may count as inside or outside.
+# A point that is nearer than this to the image's border may be inside or outside.
 _BORDER_PX = 0.01
-# Pixels for a median or a correlation: at least, and at most, since more would only take longer.
+# Minimum and maximum number of pixels for a median or a correlation; more pixels would only take longer.
 _MIN_PIXELS, _MOST_PIXELS = 200, 200_000
-# Images: least share of the variance that is explained, of perfect and of imperfect ones; and how far off they may fit.
+# Images: minimum share of the variance that is explained, for perfect and for imperfect images; maximum shift of the
+# best fit.
 _EXPLAINED, _EXPLAINED_IMPERFECT, _SHIFT_PX = 0.8, -0.2, 0.25
 _CAP_LEVELS = 20.0
-# Where moving the points by a pixel changes the residual by a smaller share, there is nothing to align.
+# If a shift of the points by a pixel changes the residual by a smaller share, there is nothing to align.
 _VALLEY = 0.1
 
 
 def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check the masks of a view's disparity and flow at each pixel.
 
-    They are 0 exactly where there is no vector or it leads out of the image, and not 255 where a lens hides the point.
+    A mask must be 0 exactly where no vector leads into the image, and not 255 where a lens border hides the point.
     """
     view = frame.view(eye)
     for channel in ("disparity", *_OPPOSITE):
@@ -55,7 +56,7 @@ def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         known = np.isfinite(vectors).all(axis=2)
         height, width = mask.shape
         x, y = np.arange(width) + vectors[..., 0], np.arange(height)[:, None] + vectors[..., 1]
-        # The image's border is half a pixel beyond the centres of its outer pixels.
+        # The image's border lies half a pixel outside the centres of the outer pixels.
         within_px = 0.5 + np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y))
         outside = known & (within_px < -_BORDER_PX - error_px)
         inside = known & (within_px > _BORDER_PX + error_px)
@@ -67,7 +68,7 @@ def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 
 
 def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:
-    """Compare both views by disparity: disparities, masks and images, at the same points.
+    """Compare both views' disparities, masks and images at points that disparity matches.
 
     ``imperfect`` says whether the images have the imperfections of a rig, or a lossy encoding.
     """
@@ -87,7 +88,7 @@ def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> Non
 def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, images: bool) -> None:
     """Check flow, its masks and changes of disparity between a frame and the next frame of its sequence.
 
-    ``images`` says whether both images show the same textures, apart from resampling, so that they can be compared too.
+    ``images`` says whether both images show the same textures apart from resampling, so that they can be compared, too.
     """
     for eye in EYES:
         for channel in _OPPOSITE:
@@ -113,7 +114,7 @@ def _check_flow(
     if back is not None:
         label, there = f"{name} of {start.name} against that of {end.name}", -match.around(back)
         match.compare("flow-frames", f"{name}_frames", label, own[channel][match.pixels], there, 2 * match.error_px)
-        # Only the flow back tells two surfaces of similar disparity apart.
+        # Only the flow back distinguishes two surfaces of similar disparity.
         seen = match.surface & match.same
     match.check_mask(seen, hidden)
     if images:
@@ -128,9 +129,9 @@ class _Match:
         pixels: rows and columns (N,) of at most 200,000 pixels, evenly spread.
         points: x and y (N,) px of their points.
         error_px: largest error of the vectors by their encoding.
-        visible: (N,) where the mask says that the other image shows the point; without a mask, where nothing hides it.
-        surface: (N,) where the values around the point belong to one surface, in all comparisons so far.
-        same: (N,) where both images show the same point by all comparisons so far.
+        visible: (N,) where the other image shows the point, by the mask; without a mask, where nothing hides the point.
+        surface: (N,) where the values around the point belong to one surface in all comparisons so far.
+        same: (N,) where both images show the same point in all comparisons so far.
     """
 
     def __init__(self, frame: StoredFrame, eye: Eye, channel: str, verdict: Verdict) -> None:
@@ -156,10 +157,10 @@ class _Match:
         return corners(array, *self.points)
 
     def compare(self, check: str, measure: str, name: str, own: Floats, around: Floats, error_px: float) -> Where:
-        """Judge values (N,) or (N, C) px by those around their points (4, N, C): outliers, and the median difference.
+        """Compare values (N,) or (N, C) px with the values around their points (4, N, C): outliers and the median.
 
         Returns:
-            Where all values around the point are larger: something nearer hides it, if they are disparities.
+            (N,) where all values around the point are larger: for disparities, where a nearer surface hides it.
         """
         own, low, high = own.reshape(around.shape[1:]), around.min(axis=0), around.max(axis=0)
         hidden = (low > own + _HIDDEN_PX + error_px).all(axis=1)
@@ -182,7 +183,7 @@ class _Match:
         return np.asarray(hidden & np.isfinite(low).all(axis=1))
 
     def check_mask(self, seen: Where, hidden: Where) -> None:
-        """Judge the mask by the points that the other image surely shows, (N,), or surely does not show."""
+        """Judge the mask at points that the other image certainly shows, ``seen`` (N,), or hides, ``hidden`` (N,)."""
         if self._mask is None:
             return
         seen, hidden, name = seen & self._certain, hidden & self._certain, f"{self._mask_name}_{self._eye}"
@@ -196,12 +197,11 @@ class _Match:
     def check_images(
         self, check: str, name: str, measure: str, own: Floats, other: Floats, *, imperfect: bool = False
     ) -> None:
-        """Check that the other image, resampled at the points of visible surfaces, is this image.
+        """Check that the other image, resampled at the points of visible surfaces, equals this image.
 
         It must explain 80 % of the variance. Imperfect images, of a rig or with a lossy encoding, get equal brightness
-        and contrast first, and must correlate by 0.4, which then explains -20 %. Both must fit best where the points
-        are: a parabola through the residuals there, and with all points moved by a pixel to either side, has its least
-        value near 0.
+        and contrast first, and must correlate by 0.4, which then explains -20 %. All images must fit best without a
+        shift: a parabola through the residuals at shifts of -1, 0 and 1 px must have its minimum near 0.
         """
         own, other = (image.reshape(*image.shape[:2], -1).mean(axis=2) for image in (own, other))
         height, width = other.shape
@@ -231,17 +231,17 @@ class _Match:
             return
         for axis in "x" if level_rows else "xy":
             moved = (warp(step * (axis == "x"), step * (axis == "y")) for step in (-1, 0, 1))
-            # Capped, so that pixels beside edges and on minified texture do not decide.
+            # Limited, so that pixels beside edges and on minified texture do not dominate.
             shift_px = _least_at(*(float(np.minimum(abs(levels - there), _CAP_LEVELS).mean()) for there in moved))
             if shift_px is not None:
                 self._verdict.measures[f"{measure}best_shift_{axis}_px"] = shift_px
                 if abs(shift_px) > _SHIFT_PX:
-                    fault = f"the images fit best {shift_px:+.2f} px in {axis}, at most {_SHIFT_PX} may be"
+                    fault = f"the images fit best at a shift of {shift_px:+.2f} px in {axis}, over {_SHIFT_PX} px"
                     self._verdict.add(check, f"{name}: {fault}")
 
 
 def _vectors(frame: StoredFrame, eye: Eye, channel: str) -> tuple[Floats, float]:
-    """Return a view's vectors (H, W, 2) px by disparity or flow, and the largest error of the encoding, px."""
+    """Return a view's vectors (H, W, 2) px, of disparity or flow, and the maximum error of the encoding, px."""
     if channel == "disparity":
         return frame.correspondences(eye), frame.encodings.disparity.error_px
     return frame.view(eye)[channel], frame.encodings.flow.error_px
@@ -252,7 +252,7 @@ def _too_many(wrong: Where, among: Where, share: float) -> bool:
 
 
 def _least_at(before: float, here: float, after: float) -> float | None:
-    """Return where from -1 to 1 a parabola through residuals at -1, 0 and 1 is least; None if they hardly differ."""
+    """Return the minimum, from -1 to 1, of a parabola through residuals at -1, 0 and 1; None if they hardly differ."""
     if max(before, here, after) - min(before, here, after) < _VALLEY * max(before, here, after):
         return None
     if here > min(before, after):

@@ -1,4 +1,4 @@
-"""A view to measure: its luminance and disparity at one working width, so that views of all sizes compare."""
+"""Brings the luminance and disparity of a view to one working width, so that views of all sizes can be compared."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from semisynth_gl.seeds.seeds import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 WORKING_WIDTH = 512
-"""Width to which all images and maps are brought, px; see `working_width`."""
+"""Width to which all images and maps are resized, px; see `working_width`."""
 
 _DENSE = 0.5
 
@@ -35,7 +35,7 @@ class MeasuredView:
 
 
 def working_width(width_px: int) -> int:
-    """Return `WORKING_WIDTH`, or the pairs' width if that is less, since enlarged images lack the finest detail."""
+    """Return `WORKING_WIDTH`, or the pairs' width if it is smaller, since enlarged images lack the finest detail."""
     return min(WORKING_WIDTH, width_px)
 
 
@@ -46,10 +46,10 @@ def make_view(
     *,
     signed: bool = False,
 ) -> MeasuredView:
-    """Bring an image, a disparity map, or both, which then have one size, to the working width ``width_px``.
+    """Resize an image, a disparity map, or both of the same size, to the working width ``width_px``.
 
-    Images are averaged over areas. In disparities a pixel takes the value at its centre, since the mean of two
-    surfaces would be a surface between them that does not exist.
+    Images are averaged over areas. Disparities are sampled at the centres of pixels, since the mean of two surfaces
+    would be a surface between them that does not exist.
 
     Args:
         width_px: the working width.
@@ -66,7 +66,7 @@ def make_view(
         known = np.isfinite(values) & (signed | (values > 0))
         scaled = np.where(known, values * np.float32(width_px / width), np.float32(np.nan))
         if known.mean() >= _DENSE:
-            # Rows without any disparity become copies of the nearest row: -1, as KITTI has it, would be a jump.
+            # Rows without any disparity become copies of the nearest row: KITTI's value, -1, would cause jumps.
             rows = np.flatnonzero(known.any(axis=1))
             surfaces = fill_holes(scaled[rows[np.abs(rows[:, None] - np.arange(size[0])).argmin(axis=0)]])
     luminance = None if image is None else mean_luminance(image, size)
@@ -74,10 +74,10 @@ def make_view(
 
 
 def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the luminance of an image (H, W, 3) or (H, W) in another size (h, w), (h, w) float32 levels.
+    """Return the luminance of an image (H, W, 3) or (H, W), resized to (h, w), as float32 levels.
 
     Each pixel is the mean over its area. Luminance has the weights of ITU-R BT.601. Levels are not rounded, so that
-    images that keep their size compare with averaged images.
+    images of unchanged size are comparable with averaged images.
     """
     rows, columns = (_mean_parts(count, parts) for count, parts in zip(image.shape[:2], size, strict=True))
     # Channel by channel: a large image as float32 RGB would fill memory.
@@ -87,7 +87,7 @@ def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[n
 
 
 def _mean_parts(count: int, parts: int) -> NDArray[np.float32]:
-    """Return the matrix (``parts``, ``count``) float32 that takes values to means over equal parts of their row."""
+    """Return the matrix (``parts``, ``count``) float32 from the values of a row to the means over its equal parts."""
     edges = np.linspace(0, count, parts + 1)
     element = np.arange(count)
     overlap = np.minimum(edges[1:, None], element + 1) - np.maximum(edges[:-1, None], element)

@@ -1,6 +1,6 @@
-"""The table of measures by which the views of a dataset and of its place are compared, with the keys that move them.
+"""The table of measures with which the views of a dataset and of its place are compared, and the keys that change them.
 
-The report names these keys where a dataset is far from its place; `calibrate` chooses recipes and textures by the
+The report names these keys if a dataset is far from its place. `calibrate` chooses recipes and textures by the
 measures. Below, ``surfaces`` is (H, W) float32 px without holes, ``disparity`` the same with nan where it is unknown,
 and ``luminance`` (H, W) float32 8-bit levels, as in a `MeasuredView`.
 """
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from semisynth_gl.judge.measured_view import MeasuredView
 
 JUMP_PX = 1.0
-"""Larger differences between the disparities of neighbours are jumps: two surfaces, or one surface seen edge-on."""
+"""A larger difference between the disparities of neighbours is a jump: two surfaces, or one surface seen edge-on."""
 
-# Over this distance slants are measured: in maps that are rounded to 1/2 px, 1 px is too short.
+# Slants are measured over this distance: in maps that are rounded to 1/2 px, 1 px is too short.
 _SLANT_SPAN_PX = 16
-# Squares with a smaller deviation are flat.
+# Squares with this side are flat if the standard deviation of their levels is smaller than this.
 _FLAT_SIDE, _FLAT_LEVELS = 9, 4.0
-# Predictions and measured maps have a few values that are far off.
+# The "largest" disparity is this quantile, since predictions and measured maps have a few gross errors.
 _LARGEST = 0.995
 
 Floats = NDArray[np.float32]
@@ -33,17 +33,17 @@ def jumps(surfaces: Floats) -> float:
 
 
 def run_length(surfaces: Floats) -> float:
-    """Return the mean over pixels of the length, px, of the run between jumps of its row that the pixel belongs to."""
+    """Return the mean over pixels of the length, px, of the pixel's run, which ends at the next jumps in its row."""
     ends = np.pad(np.abs(np.diff(surfaces)) > JUMP_PX, ((0, 0), (0, 1)), constant_values=True)
     lengths = np.diff(np.flatnonzero(ends), prepend=-1)
     return float(np.average(lengths, weights=lengths))
 
 
 def hidden(disparity: Floats) -> NDArray[np.bool_]:
-    """Return the pixels of a left view that the right view cannot show, (H, W) bool, by the left disparity.
+    """Return which pixels of a left view the right view cannot show, (H, W) bool, given only the left disparity.
 
-    A pixel is hidden where a nearer pixel has the same place in the right view, or where that place is outside the
-    image; a pixel without disparity is not. Pairs with a mask are judged in the same way as maps of a place.
+    A pixel is hidden if a nearer pixel maps to the same position in the right view, or if the position is outside the
+    image. A pixel without a disparity is not hidden. Masks are not used, so pairs and maps of a place are comparable.
     """
     height, width = disparity.shape
     known = np.isfinite(disparity)
@@ -51,7 +51,7 @@ def hidden(disparity: Floats) -> NDArray[np.bool_]:
     outside: NDArray[np.bool_] = known & ((place < -0.5) | (place >= width - 0.5))
     inside = known & ~outside
     column = np.clip(np.rint(place), 0, width - 1).astype(np.int64)
-    # The nearest surface in each pixel of the right view. A surface that faces to the left has gaps of one pixel there.
+    # Disparity of the nearest surface in each pixel of the right view. Surfaces that face left have gaps of one pixel.
     nearest = np.full((height, width + 2), float(disparity[inside].min(initial=0.0)), np.float32)
     np.maximum.at(nearest, (np.nonzero(inside)[0], column[inside] + 1), disparity[inside])
     closed = np.maximum(nearest[:, 1:-1], np.minimum(nearest[:, :-2], nearest[:, 2:]))
@@ -59,12 +59,12 @@ def hidden(disparity: Floats) -> NDArray[np.bool_]:
 
 
 def occluded(disparity: Floats, _: Floats) -> float:
-    """Return the share of the pixels with a disparity that are `hidden`, %; only dense maps can tell it."""
+    """Return the share of the pixels with a disparity that are `hidden`, %; only dense maps have a meaningful value."""
     return 100 * float(hidden(disparity).sum() / np.isfinite(disparity).sum())
 
 
 def slant(surfaces: Floats) -> float:
-    """Return the mean length of the gradient of disparity, px per px, over 16 px without a jump in row and column."""
+    """Return the mean length of disparity's gradient, px per px, over 16 px of rows and columns without jumps."""
     half, slopes = _SLANT_SPAN_PX // 2, []
     for values in (surfaces, surfaces.T):
         passed = np.pad(np.cumsum(np.abs(np.diff(values)) > JUMP_PX, axis=1), ((0, 0), (1, 0)))
@@ -94,10 +94,10 @@ def flat(luminance: Floats) -> float:
 
 
 def fine_detail(luminance: Floats) -> float:
-    """Return the contrast of the finest octave of detail over that of the third; noise has 4, a photograph about 0.6.
+    """Return the contrast of the finest octave divided by that of the third; noise has 4, a photograph about 0.6.
 
-    An octave's contrast is the root mean square deviation within blocks of 2 x 2: first of pixels, and in each further
-    octave of the means of the previous octave's blocks.
+    An octave's contrast is the root mean square deviation within blocks of 2 x 2 values. The values of the first octave
+    are pixels; those of each further octave are the means of the previous octave's blocks.
     """
     levels, contrasts = luminance, list[float]()
     for _ in range(3):
@@ -115,17 +115,17 @@ def gradient(luminance: Floats) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A quantity that is one number for each view.
+    """A quantity with one value for each view.
 
     Attributes:
         key: the measure's name in JSON.
         name: the measure's name in tables and plots.
         unit: the unit of the number.
-        of: names of the arrays of a `MeasuredView` that the number is computed from.
-        value: computes the number from the arrays ``of``; returns nan where they do not determine it.
-        moves: keys of the config that move the measure, the strongest first: 1 where it rises with the key, -1 where it
-            falls.
-        fine: whether it depends on the finest detail, which images narrower than the working width lack.
+        of: names of the arrays of a `MeasuredView` from which the value is computed.
+        value: computes the value from the arrays ``of``; returns nan if they do not determine it.
+        moves: keys of the config that change the measure, the most effective first: 1 if the measure rises with the
+            key, -1 if it falls.
+        fine: whether the measure depends on the finest detail, which images narrower than the working width lack.
     """
 
     key: str
@@ -138,7 +138,7 @@ class Measure:
 
     @property
     def of_images(self) -> bool:
-        """Whether the measure is computed from an image; all others are computed from a disparity map."""
+        """Whether the measure is computed from an image; other measures are computed from a disparity map."""
         return self.of == _IMAGE
 
 
@@ -224,7 +224,7 @@ def measure_view(view: MeasuredView, measures: Iterable[Measure] = MEASURES) -> 
 def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool) -> str:
     """Return what to change in a config for a larger or smaller value of a measure.
 
-    Keys of backgrounds that no recipe has are not named, nor is the setting of ``antialias`` that the config has.
+    The text has no keys of backgrounds that no recipe has, and not the value of ``antialias`` that is already set.
 
     Args:
         measure: the measure to move.
@@ -254,6 +254,6 @@ def _has_effect(key: str, recipes: Sequence[Mapping[str, Any]]) -> bool:
 
 
 def _squares(values: Floats, side: int) -> Floats:
-    """Return the squares of an array that lie side by side, (rows, side, columns, side)."""
+    """Divide an array into adjacent squares, (rows, side, columns, side)."""
     rows, columns = (count // side for count in values.shape)
     return values[: rows * side, : columns * side].reshape(rows, side, columns, side)

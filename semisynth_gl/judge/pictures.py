@@ -25,9 +25,9 @@ MASKS = {
     "outside the right view": (93, 58, 155),
     "no disparity": (64, 96, 192),
 }
-"""The colours of masks, RGB. The colour map has no such blue. Readers of any colour vision can tell them apart."""
+"""The colours of masks, RGB, which readers of any colour vision can distinguish. The colour map has no such blue."""
 
-# Quantiles of disparity between which the colours run: a small near object would otherwise use up most of them.
+# The colours cover disparities between these quantiles: otherwise a small near object would use up most colours.
 _COLOURED = (0.01, 0.99)
 _UNSEEN = 119
 
@@ -36,9 +36,9 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
     """Return the pictures of a pair in JSON's types, for report.js.
 
     Pixel (x, y) of a picture is the pair's pixel (x step + step // 2, y step + step // 2). ``colours`` are the
-    disparities of the overlay's first and last colour, px. ``values`` is the left view's disparity as base64: float32
-    px row by row, deflated. Data URIs are the images ``left``, ``right``, and ``warped``, the right image seen from the
-    left, each averaged over step x step pixels, and the overlays ``disparity`` and ``masks``.
+    disparities of the overlay's first and last colour, px. ``values`` is the left view's disparity: float32 px row by
+    row, deflated, in base64. All pictures are data URIs. The images ``left``, ``right`` and ``warped`` (the right image
+    seen from the left) are averaged over step x step pixels. The overlays are ``disparity`` and ``masks``.
     """
     step = -(-frame.camera.width_px // WIDEST_PX)
     grid = np.s_[step // 2 :: step, step // 2 :: step]
@@ -49,7 +49,7 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
     embedded: dict[str, Any] = {"step": step, "width": width, "height": height, "colours": [low, high]}
     embedded |= {"focal_baseline": frame.camera.focal_baseline, "doffs": frame.camera.doffs_px}
     for name, array in (("left", frame.left.image), ("right", frame.right.image), ("warped", _warped(frame))):
-        # The last row and column may average incomplete squares; they are cropped where the square lacks its middle.
+        # Squares at the border may be incomplete. A square whose centre pixel lies outside the image is dropped.
         embedded[name] = _uri(Image.fromarray(array).reduce(step).crop((0, 0, width, height)), "JPEG", quality=90)
     shares = (np.nan_to_num(disparity, posinf=low) - low) / ((high - low) or 1.0)
     colours = colormaps[COLOUR_MAP](np.linspace(0, 1, 255), bytes=True)[:, :3].tolist()
@@ -65,7 +65,7 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
 
 
 def _warped(frame: StoredFrame) -> NDArray[np.uint8]:
-    """Return the right image where each left pixel's disparity leads, (H, W, 3); grey where that is occluded."""
+    """Return the right image warped to the left view by the left disparity, (H, W, 3); grey where occluded."""
     height, width = frame.left.disparity.shape
     row, column = np.mgrid[:height, :width]
     way = frame.correspondences("left")

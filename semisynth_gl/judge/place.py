@@ -24,10 +24,10 @@ class MeasuredPlace:
     """The measures of a place.
 
     Attributes:
-        values: the measures. Image measures come from the photographs, averaged over each subject. All others come
-            from the maps.
-        summary: number of photographs, subjects and maps, as text.
-        notes: sentences on photographs and maps that were left out, or used in part only.
+        values: the measures. Measures of images come from the photographs, averaged over each subject. All other
+            measures come from the maps.
+        summary: numbers of photographs, subjects and maps, as text.
+        notes: sentences on photographs and maps that were not used, or only in part.
     """
 
     values: Values
@@ -38,7 +38,7 @@ class MeasuredPlace:
 def map_files(sources: Sequence[str | Path]) -> list[Path]:
     """Return the disparity maps in files, folders and globs: .pfm, .npy and 16-bit grey .png.
 
-    Images and masks may lie beside maps, so PNG files of other kinds are ignored in folders and globs.
+    Images and masks may lie beside maps, so PNG files that are not maps are ignored in folders and globs.
 
     Raises:
         InputError: where a source matches no map.
@@ -61,8 +61,8 @@ def map_files(sources: Sequence[str | Path]) -> list[Path]:
 def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
     """Read a disparity map, (H, W) float32 px, with nan where it has no value.
 
-    In .pfm and .npy, inf, nan, 0 and negative numbers mean that there is no value; in a 16-bit grey .png, 0 does. A PNG
-    has ``png_scale`` levels per pixel of disparity.
+    In .pfm and .npy, inf, nan, 0 and negative numbers mean that there is no value. In a 16-bit grey .png, 0 means that.
+    A PNG has ``png_scale`` levels per pixel of disparity.
 
     Raises:
         ReadError: where the file cannot be read.
@@ -76,7 +76,7 @@ def measure_place(
 ) -> MeasuredPlace:
     """Measure a place's photographs and its disparity maps, true or predicted, at the working width ``width_px``.
 
-    ``png_scale`` is as of `read_map`.
+    ``png_scale`` is that of `read_map`.
 
     Raises:
         InputError: where no photograph can be read.

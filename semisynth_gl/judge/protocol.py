@@ -1,7 +1,7 @@
-"""The definitions of each benchmark's own evaluator: judged pixels, treatment of predictions, averages.
+"""The definitions of each benchmark's evaluator: judged pixels, treatment of predictions, averages.
 
-All definitions are taken from the evaluators' source code. The part that all evaluators share (a pixel is bad where
-error > t, never >=) is in `semisynth_gl.judge.score`.
+All definitions come from the evaluators' source code. `semisynth_gl.judge.score` has the part that all evaluators
+share: a pixel is bad if error > t, never >=.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.interpolation import fill_holes
 
 ProtocolName = Literal["middlebury", "eth3d", "kitti", "paper"]
-"""Name of a benchmark; ``paper`` stands for the definitions of HSM's eval_mb.py."""
+"""Name of a benchmark; ``paper`` means the definitions of HSM's eval_mb.py."""
 PROTOCOL_NAMES: tuple[ProtocolName, ...] = get_args(ProtocolName)
 Disparity = NDArray[np.float32]
 Where = NDArray[np.bool_]
@@ -31,8 +31,8 @@ class Truth:
         disparity: float32 px, inf where unknown.
         visible: True where the right view also sees the point; None if the set has no mask.
         objects: 0 in the background, the number of an object elsewhere, as in KITTI's obj_map; None without such a map.
-        ndisp: upper bound of the disparities, px, as of calib.txt; None for no bound.
-        isint: whether the disparities are whole pixels, as of calib.txt.
+        ndisp: upper bound of the disparities, px, from calib.txt; None for no bound.
+        isint: whether the disparities are whole pixels, from calib.txt.
         signed: whether disparities of 0 and below are valid.
     """
 
@@ -49,10 +49,10 @@ class PixelComparison(NamedTuple):
 
     Attributes:
         truth: the truth.
-        error: absolute error, float32 px; meaningless where a pixel is not scored.
+        error: absolute error, float32 px; meaningless in pixels that are not scored.
         judged: where the benchmark asks for a disparity.
-        estimated: where the prediction itself has a valid disparity.
-        scored: where the error counts; scored pixels are judged pixels.
+        estimated: where the prediction has a valid disparity, before holes are filled.
+        scored: the judged pixels whose error is used.
     """
 
     truth: Truth
@@ -68,14 +68,14 @@ class Protocol:
 
     Attributes:
         name: name of the benchmark.
-        source: the program whose definitions these are.
-        read: takes a prediction, float32 px, and the truth. Returns the values that the benchmark compares, in float32
-            px, where the prediction is valid, and where the benchmark asks for a disparity.
+        source: the program with these definitions.
+        read: returns, for a prediction, float32 px, and the truth, the values that the benchmark compares, float32 px;
+            where the prediction is valid; and where the benchmark asks for a disparity.
         full_share: factor of all shares: 100 for percent, 1 for fractions.
-        invalid: what becomes of a judged pixel whose prediction is not valid: it is ``bad``, or ``left out`` of shares
-            and means, or scored with the value that ``read`` has ``filled`` in.
-        pooled: whether several images count as one large image; otherwise their figures are averaged.
-        halved: names of the images that have half the weight of others in the mean.
+        invalid: treatment of a judged pixel whose prediction is not valid: it is ``bad``, or ``left out`` of shares and
+            means, or scored with the value that ``read`` has ``filled`` in.
+        pooled: whether several images are treated as one large image; otherwise their figures are averaged.
+        halved: names of the images with half weight in the mean.
     """
 
     name: ProtocolName
@@ -87,7 +87,7 @@ class Protocol:
     halved: frozenset[str] = frozenset()
 
     def compare(self, prediction: Disparity, truth: Truth) -> PixelComparison:
-        """Compare a prediction (H, W), float32 px, with the truth; raises InputError where sizes do not fit."""
+        """Compare a prediction (H, W), float32 px, with the truth; raises InputError if sizes do not fit."""
         values, estimated, judged = self.read(prediction, truth)
         for name, each in {"prediction": values, "mask": truth.visible, "map of objects": truth.objects}.items():
             if each is not None and each.shape != truth.disparity.shape:
@@ -102,10 +102,10 @@ class Protocol:
 def _read_middlebury(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
     """Read as evaldisp.cpp, version 1.6, of the MiddEval3 SDK does.
 
-    A prediction of half or a quarter of the truth's size, whose disparities are in its pixels, is enlarged: each pixel
-    takes the value of the nearest one. Only +inf is invalid. All other values are clipped to [0, s n], where s is the
-    scale and n is the truth's ndisp / s, rounded up; signed values are clipped only from above. If the truth is in
-    whole pixels, values are then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean error NaN.
+    A prediction of half or a quarter of the truth's size, with disparities in pixels of that size, is enlarged by
+    repeating pixels. Only +inf is invalid. All other values are clipped to [0, s n], where s is the scale and n is the
+    truth's ndisp / s, rounded up; signed values are clipped only from above. If the truth has whole pixels, values are
+    then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean error NaN.
     """
     scale = next((scale for scale in (2, 4) if scale * prediction.shape[0] == truth.disparity.shape[0]), 1)
     # Halves and quarters are exact in float32, as in the kit.
@@ -114,7 +114,7 @@ def _read_middlebury(prediction: Disparity, truth: Truth) -> tuple[Disparity, Wh
     largest = np.inf if truth.ndisp is None else scale * ceil(truth.ndisp / scale)
     values = np.clip(values, np.float32(-np.inf if truth.signed else 0), np.float32(largest))
     if truth.isint:
-        # In float64: in float32, 0.5 plus the largest number below 0.5 would be 1.
+        # In float64, since in float32 0.5 plus the largest number below 0.5 would be 1.
         values = np.floor(values.astype(np.float64) + 0.5).astype(np.float32)
     return values, valid, truth.disparity != np.inf
 
@@ -122,7 +122,7 @@ def _read_middlebury(prediction: Disparity, truth: Truth) -> tuple[Disparity, Wh
 def _read_eth3d(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
     """Read as src/main.cc of github.com/ETH3D/two-view-evaluation does.
 
-    A prediction that is NaN, infinite, or larger in size than the image's width counts only in coverage and invalid.
+    NaN, infinite values and values above the image's width in magnitude affect only ``coverage`` and ``invalid``.
     """
     valid = np.isfinite(prediction) & (np.abs(prediction) <= truth.disparity.shape[1])
     return prediction, valid, np.isfinite(truth.disparity)
@@ -141,8 +141,8 @@ def _read_kitti(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, 
 def _read_paper(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
     """Read as the paper of this method does, by eval_mb.py of github.com/gengshan-y/high-res-stereo.
 
-    A prediction is clipped only from above, at ndisp, and no pixel is invalid. The script resizes predictions of other
-    sizes linearly; here they are refused.
+    A prediction is clipped only from above, at ndisp, and no pixel is invalid. The script resizes predictions of a
+    different size linearly; we refuse them.
     """
     values = prediction if truth.ndisp is None else np.minimum(prediction, np.float32(truth.ndisp))
     return values, np.ones(values.shape, bool), truth.disparity != np.inf
@@ -153,7 +153,7 @@ def shown_size(image: NDArray[np.generic]) -> str:
     return f"{image.shape[1]} x {image.shape[0]}"
 
 
-# In the table on Middlebury's page, the five hard ones of the 15 training pairs have half the weight.
+# In the table on Middlebury's page, these five hard training pairs have half the weight of the other ten.
 _HARD = frozenset({"PianoL", "Playroom", "Playtable", "Shelves", "Vintage"})
 PROTOCOLS: Mapping[ProtocolName, Protocol] = {
     row.name: row
@@ -168,6 +168,6 @@ PROTOCOLS: Mapping[ProtocolName, Protocol] = {
 
 
 def find_protocol(name: ProtocolName) -> Protocol:
-    """Return the protocol of a name; an unknown name raises InputError."""
+    """Return the protocol with a name; raises InputError if there is none."""
     check_one_of("protocol", name, PROTOCOLS)
     return PROTOCOLS[name]

@@ -1,4 +1,4 @@
-"""Rebuilds a pair's scene, and compares some of its pixels with float64 rays: the strongest check."""
+"""Rebuilds a pair's scene, and compares random pixels with float64 rays, which is the strictest check."""
 
 from collections.abc import Mapping
 from math import degrees, radians
@@ -17,18 +17,20 @@ from semisynth_gl.scene.scene import Motion, Scene
 
 Values = NDArray[np.float64]
 
-# Bounds; docs/verify.md has them. Errors at a pixel's centre: px, normals in radians, and the sky exactly.
+# Maximum errors at a pixel's centre, which docs/verify.md lists: px, radians for normals, mask levels for the sky.
 _ERRORS = {"disparity": 1e-3, "normals": radians(0.01), "sky": 0.0}
 _VECTOR_PX, _VECTOR_SHARE = 1e-3, 1e-5
-# Rays may miss triangles that are seen edge-on: normals of so many pixels may be another triangle's.
+# Up to this share of the normals may belong to a neighbouring triangle, since rays may miss triangles seen edge-on.
 _NORMALS_SHARE = 0.005
-# Rasterisers move vertices by up to half a step of a grid, whose steps are 1/256 px at best and 1/16 px at worst. So a
-# pixel beside an edge may show the surface on the edge's other side.
+# Rasterisers round vertices to a grid with steps of 1/256 px at best and 1/16 px at worst: they move vertices by up to
+# half a step. So a pixel this near to an edge may show the surface on the other side.
 _EDGE_PX = 1 / 32
 _STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
 _AROUND_X, _AROUND_Y = (steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
-# For each motion, the number of frames that it leads on, and the channels that it is compared with.
+# For each motion: its frame offset, and the channels that are checked against it.
 _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("flow_backward",))}
+# For each channel, the unit of its largest error in the verdict, and the factor to this unit; the rest are in px.
+_UNITS = {"normals": ("deg", degrees(1)), "sky": ("levels", 1.0)}
 
 
 def check_rays(frame: StoredFrame, scenes: RebuiltScenes, pixels: int, verdict: Verdict) -> None:
@@ -51,7 +53,7 @@ def check_rays(frame: StoredFrame, scenes: RebuiltScenes, pixels: int, verdict: 
 
 
 class _Rays:
-    """Casts rays of one eye through a rebuilt scene, and to the other frames that ``motions`` lead to."""
+    """Casts rays of one eye through a rebuilt scene, and follows the hits to the frames of ``motions``."""
 
     def __init__(
         self, frame: StoredFrame, eye: Eye, scene: Scene, scenes: RebuiltScenes, motions: Mapping[str, Motion]
@@ -59,7 +61,7 @@ class _Rays:
         self.frame, self.eye, self.scene, self.models, self.motions = frame, eye, scene, scenes.models, motions
 
     def check(self, row: NDArray[np.int64], column: NDArray[np.int64], verdict: Verdict) -> None:
-        """Compare a view's arrays with rays through R pixels; measure the largest errors of pixels that agree."""
+        """Compare a view's arrays with rays through R pixels, and record the largest errors of pixels that agree."""
         view = self.frame.view(self.eye)
         x, y = column.astype(np.float64), row.astype(np.float64)
         rays, border = self.cast(x, y), self.frame.left_out(self.eye)[row, column]
@@ -68,28 +70,31 @@ class _Rays:
         wrong = {}
         for name, values in stored.items():
             with np.errstate(invalid="ignore"):
-                # inf agrees with inf.
+                # Where both are inf, they agree.
                 differences = np.where(values == rays[name], 0.0, np.abs(values - rays[name]))
             # The chord of a small angle is the angle in radians; its cosine would round to 1.
             error = np.linalg.norm(differences, axis=1) if name == "normals" else differences.max(axis=1)
-            # Borders of a lens may lack values; at the next frame, the border hides other changes of disparity.
+            # Pixels in a lens border may have no value. Points in the next frame's border have no disparity change.
             in_border = border | (name == "disparity_change" and not self.frame.border_disparity)
             lacking = in_border & np.isposinf(values).all(axis=1)
             wrong[name] = ~lacking & ~(error <= bounds[name])
-            unit, scale = ("deg", degrees(1)) if name == "normals" else ("px", 1.0)
+            unit, scale = _UNITS.get(name, ("px", 1.0))
             largest = scale * float(error[~wrong[name] & ~lacking].max(initial=0.0))
             measure = f"oracle_{name}_largest_{unit}"
             verdict.measures[measure] = max(largest, verdict.measures.get(measure, 0.0))
         suspect = np.flatnonzero(np.logical_or.reduce(list(wrong.values())))
         if not suspect.size:
             return
+        # A suspect pixel is right if its value lies in the range of the 25 rays around its centre.
         around = self.cast(np.add.outer(x[suspect], _AROUND_X).ravel(), np.add.outer(y[suspect], _AROUND_Y).ravel())
         for name, values in stored.items():
             beside, bound = around[name].reshape(len(suspect), len(_AROUND_X), -1), bounds[name][suspect, None]
             low, high = beside.min(axis=1) - bound, beside.max(axis=1) + bound
-            wrong[name][suspect] &= ~((low <= values[suspect]) & (values[suspect] <= high)).all(axis=1)
+            in_range = ((low <= values[suspect]) & (values[suspect] <= high)).all(axis=1)
+            wrong[name][suspect] &= ~in_range
             number = int(wrong[name].sum())
-            if number > (_NORMALS_SHARE * len(x) if name == "normals" else 0):
+            allowed = _NORMALS_SHARE * len(x) if name == "normals" else 0
+            if number > allowed:
                 first = np.argmax(wrong[name])
                 where = f"the first at ({column[first]}, {row[first]})"
                 verdict.add("oracle", f"{name}_{self.eye}: {number} of {len(x)} pixels differ from their rays, {where}")
@@ -97,7 +102,8 @@ class _Rays:
     def cast(self, x: Values, y: Values) -> dict[str, Values]:
         """Return the values of rays through R points (x, y) by channel, (R, C) each: px, unit normals, the sky's mask.
 
-        They are inf where the encoding cannot hold them.
+        As in stored arrays, inf means that there is no value: the ray hits nothing, the disparity or the flow is not
+        valid, or the encoding cannot hold it.
         """
         scene, eye, encodings = self.scene, self.eye, self.frame.encodings
         hits = cast_rays(scene, self.models, eye, x, y)

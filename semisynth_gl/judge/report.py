@@ -1,4 +1,4 @@
-"""The report: a dataset as one HTML page, and beside pictures of its place what to change in its config."""
+"""The report: one HTML page about a dataset and, given pictures of its place, what to change in its config."""
 
 import json
 from collections.abc import Sequence
@@ -25,21 +25,21 @@ from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.seeds.seeds import spread
 from semisynth_gl.textures.image_files import find_images
 
-# The page shows this many of the outliers, beside evenly spread pairs.
+# Maximum number of outliers that the page shows, besides evenly spread pairs.
 _SHOWN_OUTLIERS = 3
-# Number of bins in which disparities are counted: so many that the bins do not affect the distance of distributions.
+# Number of bins in which disparities are counted; with so many, the bins do not affect the distance of distributions.
 _BINS = 1024
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Report:
-    """A page, with its numbers.
+    """A page, and the numbers on it.
 
     Attributes:
         page: the page, as HTML.
         pairs: the measured pairs.
-        width_px: the working width, to which all images and maps were brought.
-        disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.
+        width_px: the working width, to which all images and maps were resized.
+        disparity: distribution of disparity over all pixels of the left views; None if no pixel has a disparity.
         rows: the measures of the dataset and, where photographs were given, of the place.
         place: the measures of the place; None without photographs of it.
     """
@@ -75,16 +75,16 @@ def report(
 
     Args:
         dataset: a folder, or an address that fsspec knows.
-        images: photographs of the place that the dataset is made for, to compare it with: files, folders or globs.
+        images: photographs of the place for which the dataset is made, to compare them: files, folders or globs.
         disparity: disparity maps of the place: .pfm, .npy and 16-bit .png files, folders or globs.
         png_scale: levels of a 16-bit PNG map per pixel of disparity.
-        pairs: number of pairs to show, evenly spread; the page shows up to three outliers in addition. With 0, it shows
-            no pair.
-        sample: number of pairs to measure, evenly spread; never fewer than ``pairs``.
-        listener: is told the number of pairs to measure, and each measured pair.
+        pairs: number of pairs to show, evenly spread. The page shows up to three outliers in addition; with 0, it
+            shows no pairs.
+        sample: number of pairs to measure, evenly spread; at least ``pairs`` are measured.
+        listener: is called with the number of pairs to measure, and with each measured pair.
 
     Raises:
-        InputError: where there is no finished dataset, or there is no such photograph or map.
+        InputError: where there is no finished dataset, or no such photograph or map.
         ReadError: where a pair or a map cannot be read.
     """
     pairs, sample = to_whole("pairs", pairs, least=0), to_whole("sample", sample, least=1)
@@ -128,7 +128,7 @@ def report(
 def _measure(
     dataset: Dataset, positions: Sequence[int], width_px: int, target: Histogram, listener: Listener | None
 ) -> tuple[list[MeasuredPair], Histogram | None]:
-    """Read pairs, measure their left views, and count the disparities of these in bins that refine the target's."""
+    """Read pairs, measure their left views, and count these views' disparities in bins that refine the target's."""
     listener = listener or Listener()
     listener.on_total(len(positions))
     pairs, plan, first = [], dataset.about.plan, dataset[positions[0]].camera
@@ -147,7 +147,7 @@ def _measure(
 
 
 def _facts(dataset: Dataset, target: Histogram, achieved: Histogram | None) -> dict[str, str]:
-    """Return what made a dataset, and how far its disparities are from the target, by name."""
+    """Return facts by name: how a dataset was made, and how far its disparities are from the target."""
     plan, made = dataset.about.plan, dataset.about.made
     codecs = f"images {plan.encodings.image.name}, disparities {plan.encodings.disparity.name}"
     facts = {

@@ -1,4 +1,4 @@
-"""Counts and sums over the pixels of an image, and the figures that follow from them."""
+"""Computes counts and sums over the pixels of an image, and figures from them."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,7 +16,7 @@ _QUANTILES = {f"A{100 * quantile:g}": quantile for quantile in (0.5, 0.9, 0.95, 
 _OUTLIER_PX, _OUTLIER_SHARE = 3.0, 0.05
 
 Sums = Mapping[str, float]
-"""What `tally` counts of an image, or of several."""
+"""The counts and sums of `tally`, for an image or for several."""
 
 
 def score(
@@ -26,19 +26,19 @@ def score(
     *,
     mask: NDArray[np.bool_] | None = None,
 ) -> dict[str, float]:
-    """Return the figures of a prediction by a benchmark's definitions, by the names that docs/evaluate.md defines.
+    """Return the figures of a prediction by a benchmark's definitions; docs/evaluate.md defines their names.
 
-    Shares are in percent or fractions, as the benchmark has them, and errors in px. All figures are NaN where no pixel
-    was judged. If pixels were judged, but none was scored, all of them are bad, and errors are infinite under ETH3D's
-    protocol and NaN under Middlebury's, as in their evaluators.
+    Shares are in percent or fractions, as in the benchmark; errors are in px. All figures are NaN if no pixel was
+    judged. If pixels were judged but none was scored, all of them are bad, and errors are infinite in ETH3D's protocol
+    and NaN in Middlebury's, as in the benchmarks' evaluators.
 
     Args:
         prediction: (H, W) floats, px; the protocol decides which values are invalid. Middlebury also takes predictions
             of half or a quarter of the truth's size. Errors are computed in float32, as in the evaluators.
         truth: (H, W) floats, px, inf where there is no disparity; or a `Truth`, which may have limits, too.
         protocol: name of one of `PROTOCOLS`.
-        mask: (H, W) bool of the truth's size, True for the pixels to count, such as the pixels that both views see;
-            None for all pixels.
+        mask: (H, W) bool of the truth's size, True for the pixels to use, such as those that both views see; None for
+            all pixels.
 
     Raises:
         InputError: where sizes differ, an array is not (H, W), or there is no such protocol.
@@ -53,16 +53,16 @@ def score(
 
 
 def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool_] | None) -> Sums:
-    """Count the pixels of a comparison where a mask (H, W) is True, or all of them.
+    """Count the pixels of a comparison where a mask (H, W) is True, or all pixels.
 
     Returns:
-        ``judged``: number of pixels where a disparity was asked for; ``estimated``: those for which the prediction
-        itself has a value; ``scored``: those whose error counts; ``rated``: those that shares count, which are the
-        scored ones or, where an invalid prediction is bad, all. ``bad-0.5`` to ``bad-4``: rated pixels with a larger
-        error; an equal error is not bad. ``outliers``: rated pixels that are off by more than 3 px and more than 5 %,
-        see `is_outlier`; ``outliers_estimated``: those among the estimated pixels. ``sum_px`` and ``sum_squared_px2``:
-        sums of the scored pixels' errors and of their squares. ``A50`` to ``A99``: see `error_quantiles`. With a map of
-        objects and a pooled protocol, ``judged-bg``, ``outliers-bg``, ``judged-fg`` and ``outliers-fg``.
+        ``judged``, ``estimated`` and ``scored``: numbers of these pixels, see `PixelComparison`. ``rated``: number of
+        pixels in the denominator of shares: the scored pixels, or all judged pixels if an invalid prediction is bad.
+        ``bad-0.5`` to ``bad-4``: rated pixels with a larger error; an equal error is not bad. ``outliers``: rated
+        pixels that are off by more than 3 px and more than 5 %, see `is_outlier`. ``outliers_estimated``: outliers
+        among the estimated pixels. ``sum_px`` and ``sum_squared_px2``: sums of the scored pixels' errors and of their
+        squares. ``A50`` to ``A99``: see `error_quantiles`. With a map of objects and a pooled protocol also
+        ``judged-bg``, ``outliers-bg``, ``judged-fg`` and ``outliers-fg``.
     """
     judged, scored = comparison.judged, comparison.scored
     if mask is not None:
@@ -88,14 +88,14 @@ def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool
     if not error.size:
         worst = inf if judged.any() and protocol.invalid != "bad" else nan
         return whole | dict.fromkeys(("sum_px", "sum_squared_px2", *_QUANTILES), worst)
-    # ETH3D sums in double too. Middlebury's kit sums in float32, which is off from the 3rd digit on at 1500 x 1000.
+    # ETH3D sums in double, too. Middlebury's kit sums in float32: at 1500 x 1000, the 3rd digit is already wrong.
     with np.errstate(over="ignore"):
         sums = {"sum_px": error.sum(dtype=np.float64), "sum_squared_px2": np.square(error).sum(dtype=np.float64)}
     return whole | {name: float(total) for name, total in sums.items()} | error_quantiles(error)
 
 
 def figures(sums: Sums, protocol: Protocol) -> dict[str, float]:
-    """Return the figures, as `score` does, that follow from the sums of an image or of several."""
+    """Return the figures, as `score` does, computed from the sums of an image or of several."""
     full = protocol.full_share
     judged, estimated, scored, rated = (sums[name] for name in ("judged", "estimated", "scored", "rated"))
 
@@ -143,11 +143,11 @@ def error_quantiles(error: NDArray[np.float32]) -> dict[str, float]:
 
 
 def mean_figures(images: Mapping[str, Sums], protocol: Protocol) -> dict[str, float]:
-    """Return the figures of several images together, whose sums are given by their names, as their benchmark does it.
+    """Return the figures of several images together, as the benchmark computes them, given each image's sums by name.
 
     KITTI pools the pixels of all images; its quantiles are the means of the images' quantiles. The other benchmarks
-    average the images' figures; Middlebury halves the weight of five of its training pairs. An image without a judged
-    pixel does not count.
+    average the images' figures; Middlebury halves the weight of five of its training pairs. Images without judged
+    pixels are ignored.
     """
     counted = {name: sums for name, sums in images.items() if sums["judged"]} or images
     if protocol.pooled:

@@ -1,4 +1,4 @@
-"""Checks of one view by itself, channel by channel, and of the pair's calibration."""
+"""Checks the channels of one view, without the other view, and the pair's calibration."""
 
 from math import inf, isclose, isfinite
 
@@ -13,16 +13,17 @@ from semisynth_gl.judge.lens import find_borders
 
 Where = NDArray[np.bool_]
 
-# Bounds; docs/verify.md has them. Rounding as a share of a value: depth by float32, calib.txt's vmin and vmax by six
-# digits.
+# Bounds, which docs/verify.md lists. Rounding, as a share of a value: of depth, by float32; of vmin and vmax in
+# calib.txt, which have six digits.
 _DEPTH_SHARE, _TEXT_SHARE = 1e-6, 1e-5
 _VECTOR_PX, _CHANGED_PX = 1e-3, 0.01
 _UNIT_LENGTH = 1e-5
-# Rasterisers move edges by less than this: pixels beside one may show a surface that their rays meet from behind.
+# A pixel beside an edge may show a surface that its ray meets from behind. Rasterisers move vertices by up to 1/32 px
+# along each axis (see rays.py); this is twice as much, an upper bound of the ray's error.
 _EDGE_PX = 1 / 16
-# Largest disparity of the last valid pixel of a surface that leaves the valid range; it passes through 0.
+# Where a surface leaves the valid range, its disparity falls to 0, and the last valid pixel has at most this disparity.
 _LAST_VALID_PX = 2.0
-# The values that masks may have.
+# The valid values of masks.
 _VALUES = {
     **dict.fromkeys(("visibility", "flow_visibility", "flow_backward_visibility"), (OUTSIDE, OCCLUDED, VISIBLE)),
     "valid": (OUTSIDE, VISIBLE),
@@ -31,7 +32,7 @@ _VALUES = {
 
 
 def check_view(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
-    """Check the arrays of a view; ``largest_px`` is the config's limit of disparities."""
+    """Check the arrays of a view; ``largest_px`` is the config's maximum disparity."""
     for name, array in frame.view(eye).items():
         if name in _VALUES:
             fault = f"is not one of {', '.join(map(str, _VALUES[name]))}"
@@ -52,9 +53,9 @@ def check_view(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict
 def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
     """Check a view's disparity.
 
-    It must be positive or, if signed, at least that of infinity, and at most the config's limit, ``largest_px``. Every
-    pixel has a depth, since the background fills the view. So an unsigned disparity d = f B / Z - doffs is inf only on
-    far surfaces where doffs is positive, in the sky, in borders, and beyond the encoding.
+    It must be at most ``largest_px``, and positive or, if signed, at least that of infinity. Every pixel has a depth,
+    since the background fills the view. So an unsigned disparity d = f B / Z - doffs is inf only on far surfaces if
+    doffs is positive, in the sky, in borders, and beyond the encoding's range.
     """
     disparity, camera = frame.view(eye)["disparity"], frame.camera
     finite, error_px = np.isfinite(disparity), frame.encodings.disparity.error_px
@@ -70,7 +71,7 @@ def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: V
     sky_has_one = frame.encodings.signed or (camera.doffs_px < 0 and camera.rectified)
     sky = np.zeros_like(finite) if sky_has_one else frame.sky(eye)
     if sky is None:
-        return  # no output tells where the sky is
+        return  # no output says where the sky is
     lacking = np.isposinf(disparity) & ~left_out & ~sky
     if not _check_beyond(frame, "disparity", eye, lacking, verdict, at_most=_always_valid(frame)):
         _check_lacking(frame, "disparity", eye, lacking, disparity, verdict)
@@ -79,9 +80,9 @@ def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: V
 def _check_lacking(
     frame: StoredFrame, channel: str, eye: Eye, lacking: Where, disparity: NDArray[np.floating], verdict: Verdict
 ) -> None:
-    """Check that pixels lack a value only beside small disparities, since a surface leaves the range through 0.
+    """Check that ``lacking`` pixels lie beside small disparities, since a surface leaves the valid range at 0.
 
-    Where a view has no value at all, no pixel may lack one.
+    If a view has no value at all, there must be no lacking pixels.
     """
     padded = np.pad(lacking, 1)
     beside = padded[2:, 1:-1] | padded[:-2, 1:-1] | padded[1:-1, 2:] | padded[1:-1, :-2]
@@ -92,16 +93,16 @@ def _check_lacking(
 
 
 def _always_valid(frame: StoredFrame) -> bool:
-    """Return whether the rig and the encoding give every surface but the sky a valid disparity."""
+    """Return whether every surface except the sky has a valid disparity, by the rig and the encoding."""
     return frame.encodings.signed or (frame.camera.doffs_px <= 0 and frame.camera.rectified)
 
 
 def _check_beyond(
     frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict, *, at_most: bool = False
 ) -> int:
-    """Return how many values were beyond the encoding by the provenance.
+    """Return the number of values beyond the encoding's range, from the provenance.
 
-    At least as many pixels must be ``lacking`` and, with ``at_most``, no more if any were beyond the encoding.
+    At least as many pixels must be ``lacking``. With ``at_most``, there must not be more, unless the number is 0.
     """
     counts = frame.provenance.get(CHANNELS[channel].beyond_key)
     codec = frame.encodings.codec(CHANNELS[channel])
@@ -116,7 +117,7 @@ def _check_beyond(
 def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check depth and correspondences by the disparity that they lead to, and normals.
 
-    Normals must be unit vectors towards the eye, or 0 where no other channel shows a surface.
+    Normals must be unit vectors towards the eye, or 0 where no other channel has a surface.
     """
     view, camera = frame.view(eye), frame.camera
     disparity, rounding_px = view["disparity"], frame.rounding_px(view["disparity"])
@@ -146,9 +147,9 @@ def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 
 
 def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check that instance ids are row numbers, from 1, of pair.json's ``instances``, and 0 only without a disparity.
+    """Check that instance ids are row numbers, from 1, of ``instances`` in pair.json, and 0 only without a disparity.
 
-    The mask of the sky must be that of the instances, and the sky's depth inf.
+    The sky's mask must agree with the instances. The sky's depth must be inf.
     """
     view, rows, sky = frame.view(eye), frame.provenance.get("instances"), frame.sky_of_instances(eye)
     if "instances" in view:
@@ -163,9 +164,9 @@ def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 
 
 def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
-    """Check where a view has flow and a change of disparity, and to which disparities the change leads.
+    """Check in which pixels a view has flow and a change of disparity, and the disparities to which the change leads.
 
-    The change must be finite where disparity and flow are, except in a lens's borders, and nowhere else.
+    The change must be finite exactly where disparity and flow are finite, except in the borders of a lens.
     """
     view = frame.view(eye)
     beyond = {
@@ -197,15 +198,15 @@ def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verd
 
 
 def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
-    """Check the camera against the pair's provenance, and calib.txt, where there is one, against the left disparity."""
+    """Compare the camera with the pair's provenance, and calib.txt, if there is one, with the left disparity."""
     recorded, camera, calibration = frame.provenance.get("camera"), frame.camera, frame.calibration
     recorded = recorded if isinstance(recorded, dict) else {}
-    # Both leave out a ratio of 1. doffs is compared below, and calib.txt has no deviation.
+    # Both omit a ratio of 1. doffs is compared below, and calib.txt has no deviation.
     for key, value in ({"fy_over_fx": 1.0} | camera.values()).items():
         expected = ({"fy_over_fx": 1.0} | recorded).get(key)
         if key in ("doffs_px", "deviation"):
             continue
-        # The baseline is stored in millimetres, and fy in px, which may cost a last digit.
+        # The baseline is stored in millimetres, and fy in px; the conversion may change the last digit.
         if not (isinstance(expected, int | float) and isclose(value, expected, rel_tol=1e-12, abs_tol=1e-12)):
             verdict.add("calib", f"{key} is {value!r}, in the pair's provenance {expected!r}")
     if calibration is None:

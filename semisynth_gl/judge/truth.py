@@ -1,4 +1,4 @@
-"""The pairs of a set: their true disparities, and the files with the predictions for them."""
+"""Finds the pairs of a set with their true disparities, and the files with predictions for the pairs."""
 
 import re
 from collections import Counter
@@ -25,7 +25,7 @@ from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.protocol import ProtocolName, Truth
 from semisynth_gl.seeds.splits import SplitName
 
-# Names of the truth in a scene's folder; a set's truth is the first of these that it has.
+# File names of the truth in scenes' folders. Only files with the first of these names that a set has are its truth.
 _SCENE_TRUTHS = ("disp0GT.pfm", "disp0.pfm")
 _OCC = "disp_occ_0"
 _PROTOCOLS: dict[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
@@ -35,8 +35,8 @@ _LARGEST_CALIB = 1 << 16
 class TruePair(NamedTuple):
     """A pair with its truth.
 
-    ``name`` is unique in the set, ``source`` is the truth's file, and a prediction may have any of the ``keys``, see
-    `find_predictions`. ``read()`` reads the truth; it raises ReadError where a file cannot be read.
+    ``name`` is unique in the set, and ``source`` is the truth's file. A prediction may have any of the ``keys`` as its
+    name, see `find_predictions`. ``read()`` reads the truth; it raises ReadError if a file cannot be read.
     """
 
     name: str
@@ -46,7 +46,7 @@ class TruePair(NamedTuple):
 
 
 class TrueSet(NamedTuple):
-    """The pairs of a set, the benchmark whose layout it has, and the levels per pixel of a prediction in 16-bit PNG."""
+    """The pairs of a set, the benchmark whose layout the set has, and levels per px of predictions in 16-bit PNG."""
 
     pairs: Sequence[TruePair]
     protocol: ProtocolName = "middlebury"
@@ -77,16 +77,16 @@ def find_truth(address: str, split: SplitName | None = None) -> TrueSet:
         raise InputError(f"{folder}: no true disparities there: expected {expected}", argument="truth")
     name, count = Counter(pair.name for pair in found.pairs).most_common(1)[0]
     if count > 1:
-        raise InputError(f"{folder}: {count} truths for {name}: give the folder of one size", argument="truth")
+        raise InputError(f"{folder}: {count} truths for {name}: choose the folder of one size", argument="truth")
     return found
 
 
 def find_predictions(folder: Path, pairs: Sequence[TruePair]) -> list[Path]:
     """Return the file of the prediction for each pair.
 
-    A prediction has one of the pair's keys as its path in the folder, the first that is there, and the extension .pfm,
-    .npy or .png (16-bit grey: networks write other pictures beside their results). In a folder named like the pair it
-    may also be named ``disp0<METHOD>``, as Middlebury asks for. The truth beside it does not count then.
+    A prediction's path in the folder is one of the pair's keys (the first for which a file exists), with the extension
+    .pfm, .npy or .png (16-bit grey: networks write other pictures beside their results). In a folder named like the
+    pair, it may also be named ``disp0<METHOD>``, as Middlebury asks for; a truth in this folder is then ignored.
 
     Raises:
         InputError: where the folder does not exist, or a pair has several predictions or none.
@@ -94,7 +94,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair]) -> list[Path]:
     files: dict[str, list[Path]] = {}
     for path in disparity_maps(folder, "predictions"):
         files.setdefault(_keys(path.relative_to(folder))[0], []).append(path)
-    # A key that several pairs have identifies none of them.
+    # A key that several pairs share identifies none of them.
     owners = Counter(key for pair in pairs for key in set(pair.keys))
     found, missing = list[Path](), list[str]()
     for pair in pairs:
@@ -117,7 +117,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair]) -> list[Path]:
 def disparity_maps(folder: Path, argument: str) -> list[Path]:
     """Return the disparity maps of a folder and its subfolders, sorted.
 
-    Raises InputError about ``argument`` where the folder does not exist, and ReadError where a PNG cannot be read.
+    Raises InputError about ``argument`` if the folder does not exist, and ReadError if a PNG cannot be read.
     """
     if not folder.is_dir():
         found = "is a file" if folder.exists() else "there is no such folder"
@@ -126,7 +126,7 @@ def disparity_maps(folder: Path, argument: str) -> list[Path]:
 
 
 def _files(folder: Path, pattern: str) -> list[Path]:
-    """Return the files of a pattern in a folder, its subfolders and links to folders, sorted."""
+    """Return the files that match a pattern in a folder, its subfolders and linked folders, sorted."""
     # `Path.glob` does not follow links.
     return [folder / name for name in sorted(glob(f"**/{pattern}", root_dir=folder, recursive=True))]  # noqa: PTH207
 
@@ -205,9 +205,9 @@ def read_limits(path: Path) -> dict[str, Any]:
 
 
 def _keys(path: PurePath) -> list[str]:
-    """Return a map's path without extension, then without its first folder too, and so on.
+    """Return a map's path without extension, then the same without the first folder, and so on.
 
-    A map named disp0... has its folder's path instead.
+    For a map named disp0..., the path of its folder is used instead.
     """
     path = path.parent if path.name.startswith("disp0") else path.with_suffix("")
     parts = str(path.as_posix()).removesuffix(".disp").split("/")

@@ -1,4 +1,4 @@
-"""Read a dataset back, with nothing but its files, and report its faults."""
+"""Reads a dataset back, using only its files, and reports its faults."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ from semisynth_gl.seeds.seeds import spread
 from semisynth_gl.seeds.splits import SplitName
 
 RAYED_PAIRS = 4
-"""Default number of pairs with rays."""
+"""Default number of pairs that are compared with rays."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Verification:
     Attributes:
         pairs: number of pairs of the dataset.
         verdicts: the verdict on the dataset as a whole, and then one for each pair.
-        no_rays: why `verify` could not cast rays; None if it cast them, or the caller asked for none.
+        no_rays: why `verify` could not cast rays; None if it cast rays, or the caller asked for none.
     """
 
     pairs: int
@@ -68,14 +68,14 @@ def verify(
 ) -> Verification:
     """Read a dataset back, and compare its files with each other, with the index and with the shards' records.
 
-    The verdict on a shard's first pair also has the findings about the shard.
+    Findings about a shard are in the verdict on the shard's first pair.
 
     Args:
         dataset: a folder, or an address that fsspec knows.
         rays: number of pairs, evenly spread, whose scenes are rebuilt and compared with float64 rays; by default 4, or
-            none where the scenes cannot be rebuilt.
-        pixels: rays of each of these pairs; a view gets half of them.
-        listener: is told the number of pairs, and each checked pair.
+            none if the scenes cannot be rebuilt.
+        pixels: number of rays of each of these pairs, half of them in each view.
+        listener: is called with the number of pairs, and with each checked pair.
         on_finding: is called with each fault as soon as it is found.
 
     Raises:
@@ -103,7 +103,7 @@ def verify(
             frame = read_pair(index, shard, record, number, verdict)
             if frame is not None:
                 is_next = number // made.views % made.config.sequence.length > 0 and len(recent) == made.views
-                # With V views a scene, the same view of the previous frame was V pairs ago: the oldest of `recent`.
+                # With V views per scene, the same view of the previous frame is V pairs back: the oldest of `recent`.
                 _check_frame(frame, recent[0] if is_next else None, index, verdict)
                 if len(verdicts) - 1 in rayed:
                     check_rays(frame, scenes[shard.split], pixels, verdict)
@@ -118,7 +118,7 @@ def verify(
 def _scenes_for_rays(
     index: StoredIndex, made: Index, rays: int | None
 ) -> tuple[frozenset[int], dict[SplitName, RebuiltScenes], str | None]:
-    """Return the positions of the pairs to compare with rays, each split's scenes, and why none are compared."""
+    """Return the positions of the pairs to compare with rays, each split's scenes, and why no pair is compared."""
     if rays is None and made.version != metadata.version("semisynth-gl"):
         # Another version may sample other scenes.
         return frozenset(), {}, f"version {made.version} made the dataset"
@@ -132,16 +132,16 @@ def _scenes_for_rays(
         return frozenset(), {}, str(error)
 
 
-# Arrays hold inf or NaN where nothing is known, and no check judges values that are computed from these.
+# Arrays have inf or NaN where nothing is known. No check judges values that are computed from them.
 @np.errstate(invalid="ignore", divide="ignore")
 def _check_frame(frame: StoredFrame, before: StoredFrame | None, index: StoredIndex, verdict: Verdict) -> None:
-    """Check a pair by itself, and against the same view's pair one frame earlier, if there is one."""
+    """Check a pair, and compare it with the same view's pair one frame earlier, if there is one."""
     check_calibration(frame, verdict)
     for eye in EYES:
         check_view(frame, eye, index.plan.config.disparity.max_px, verdict)
         check_masks(frame, eye, verdict)
         check_lens(frame, eye, verdict)
-    # Imperfections make the images of both views differ, as a real rig does.
+    # Imperfections make the images of both views differ, as those of real rigs do.
     imperfect, lossless = not index.plan.config.images_as_rendered, frame.encodings.image.lossless
     check_views(frame, verdict, imperfect=imperfect or not lossless)
     if before is not None:
