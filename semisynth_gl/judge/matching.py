@@ -192,7 +192,7 @@ class _Match:
         for state, where, share in (("visible", seen, _SEEN_SHARE), ("occluded", hidden, _HIDDEN_SHARE)):
             if _too_many(wrong & where, where, share):
                 counts = f"{(wrong & where).sum()} of {where.sum()} pixels"
-                self._verdict.add(self._mask_name, f"{name}: {counts} that are {state} have another value")
+                self._verdict.add(self._mask_name, f"{name}: {counts} that are {state} have a different value")
 
     def check_images(
         self, check: str, name: str, measure: str, own: Floats, other: Floats, *, imperfect: bool = False

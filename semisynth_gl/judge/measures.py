@@ -204,9 +204,9 @@ _CHANGES = {
         f"in disparity.target, give more weight to {size} disparities" for size in ("large", "small")
     ),
 }
-# Keys without effect where ``particles`` has another key.
+# Keys that have no effect if ``particles`` has the key on the right.
 _REPLACED = {"particles.density": "layers", "disparity.target": "layers", "particles.size_px": "size_m"}
-# Kinds of background, and those in whose scenes a section counts.
+# All kinds of background; for each section, the kinds of background for which it is used.
 _BACKGROUNDS = ("cuboid", "plane", "room", "street")
 _KINDS = {"room": {"room"}, "street": {"street"}, "structures": {"cuboid", "plane"}}
 

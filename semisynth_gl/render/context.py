@@ -68,7 +68,7 @@ class GraphicsContext:
             raise BackendError(f"this process was forked from the one that opened {self.renderer}: {_AFTER_FORK}")
         if self.thread != get_ident():
             raise BackendError(
-                f"{self.renderer} was opened in another thread, and a context draws in one: open a renderer in each"
+                f"{self.renderer} was opened in another thread, but works in one only: open a renderer in each thread"
             )
 
     def release(self) -> None:

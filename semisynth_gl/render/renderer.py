@@ -206,7 +206,7 @@ class Renderer:
             renderer's reader must return new arrays.
 
         Raises:
-            InputError: where there is no camera, or one differs in the left eye, and as `render` does.
+            InputError: where there is no camera, a camera differs in the left eye, or `render` raises it.
             BackendError: as `render` does.
         """
         self._check_open()
@@ -283,7 +283,7 @@ class Renderer:
         size, cached = (camera.width_px, camera.height_px), self._targets
         cached[size] = cached.pop(size) if size in cached else TargetPool(self._state, size)
         if len(cached) > _MOST_SIZES:
-            # moderngl binds the framebuffer in use again after making another one, so it must not be one that is gone.
+            # moderngl binds the framebuffer in use again after it makes a new one, so release none that is in use.
             self._gl.screen.use()
             cached.pop(next(iter(cached))).release()
         return cached[size]
@@ -307,7 +307,7 @@ class Renderer:
                 raise self._fault(reported)
 
     def _check_open(self) -> None:
-        """Raise BackendError where the renderer was released, or was made by another process or thread.
+        """Raise BackendError if the renderer was released, or was made by a different process or thread.
 
         In these cases the driver would crash, or wait without end.
         """

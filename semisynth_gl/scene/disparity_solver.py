@@ -64,7 +64,7 @@ _HALVINGS = 10
 _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))], np.float64)
 # Each correction keeps at least this share of a bin's aim, so that no bin's aim falls to 0 or below.
 _LEAST_OF_AIM = 0.1
-# Minimum mean coverage of the layer in which the background lies, so that something always stands near it.
+# Minimum mean coverage of the layer in which the background lies, so that no background is without particles.
 _POPULATED = 0.5
 
 
@@ -125,8 +125,8 @@ class DisparitySolver:
         counts of the layers that the config states.
 
         Raises:
-            InputError: where a layer that the config states lies beyond infinity, or the target cannot be met with
-                ``particles.most`` particles.
+            InputError: where disparity + doffs is not positive for a layer that the config states, or the target cannot
+                be met with ``particles.most`` particles.
         """
         for number, (disparity_px, *_) in enumerate(self._stated):
             key = "layers" if number < len(self._config.particles.layers or ()) else "clutter"
@@ -137,7 +137,7 @@ class DisparitySolver:
             sizes = self._aim.sizes
             views = self._views([(camera, bare_px)], sizes)
             mean = (self._coverage(self._aim.shares, views) / views.cover)[0]
-            # `sample_slots` reduces the counts to particles.most.
+            # Avoid huge counts, which `sample_slots` would reduce to particles.most anyway.
             mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
             layers = zip(self._layers.low_px, self._layers.high_px, poisson_counts(mean, quantile), strict=True)
             solved = [ParticleBatch(Range(low, high), int(count), sizes) for low, high, count in layers]
@@ -191,7 +191,7 @@ class DisparitySolver:
         return min(aims, key=lambda aim: float(np.abs(aim.achieved - wanted).sum()))
 
     def _enlarged(self, sizes: ParticleSizes) -> tuple[ParticleSizes, _Views]:
-        """Enlarge particles until a pilot scene needs at most ``particles.most``; return their sizes and effect."""
+        """Enlarge particles until pilots need at most ``particles.most`` on average; return sizes and effect."""
         most = self._config.particles.most
         for _ in range(_ENLARGEMENTS):
             views = self._views(self._pilots, sizes)

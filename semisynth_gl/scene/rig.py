@@ -179,7 +179,7 @@ def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None
     """
     if disparity_px + camera.doffs_px <= 0:
         raise InputError(
-            f"{key}: {disparity_px:g} px lies beyond infinity for a camera whose principal points differ by doffs = "
+            f"{key}: {disparity_px:g} px has no depth, since disparity + doffs must be above 0, and doffs is "
             f"{camera.doffs_px:g} px: raise {key} above {-camera.doffs_px:g}, or change camera.doffs_px or cx"
         )
 

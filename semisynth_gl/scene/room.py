@@ -70,11 +70,11 @@ def sample_room(config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.
     aside = rng.uniform(0.25, 1.15, 2)
     above = max(_HEIGHT.sample(rng) * metre - height, 0.3 * metre)
 
-    # The walls of the box are in the order right, left, ahead, behind, ceiling, floor; so are `offsets_m`.
     def camera_from(height_m: float, share: float) -> Floats:
         return camera_over_floor(height_m, share * yaw, share * pitch, share * roll)
 
     def offsets_m(normal: Floats, smallest_m: Floats) -> Floats:
+        # The walls are in the order right, left, ahead, behind, ceiling, floor.
         reach = (corner_rays(camera) * wall_m @ normal.T).max(axis=0)
         beside = smallest_m[:2] + aside * np.maximum(reach[:2] - smallest_m[:2], 0.5 * metre)
         return np.array([*beside, wall_m * max(float(normal[2, 2]), 0.2), 0.5 * wall_m, above, height])

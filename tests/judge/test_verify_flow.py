@@ -185,12 +185,12 @@ FAULTS = {
     "all occluded": (
         changed(lambda mask: np.full_like(mask, OCCLUDED), "flow_mask1.png"),
         "flow_visibility",
-        "pixels that are visible have another value",
+        "pixels that are visible have a different value",
     ),
     "nothing occluded": (
         changed(lambda mask: np.where(mask == OCCLUDED, VISIBLE, mask).astype(np.uint8), "flow_backward_mask0.png"),
         "flow_backward_visibility",
-        "pixels that are occluded have another value",
+        "pixels that are occluded have a different value",
     ),
     "all outside": (
         changed(lambda mask: np.full_like(mask, OUTSIDE), "flow_backward_mask1.png"),
