@@ -19,9 +19,9 @@ def patches(count: int = 5, frames: int = 1) -> tuple[Patch, ...]:
     return tuple(Patch(f"{i}.png", 0, 0, 256, i * frames, frames, 9.0) for i in range(count))
 
 
-def sampler_of(config: Config, seed: int = 0, worn: tuple[Patch, ...] = patches(1)) -> SceneSampler:
+def sampler_of(config: Config, seed: int = 0, atlas_patches: tuple[Patch, ...] = patches(1)) -> SceneSampler:
     """Make the sampler of a config without recipes."""
-    return SceneSampler(config, seed, build_library(config.models, config.particles, Split(seed)), worn)
+    return SceneSampler(config, seed, build_library(config.models, config.particles, Split(seed)), atlas_patches)
 
 
 @cache

@@ -215,7 +215,7 @@ def _fence(camera):
 def _sampled(name, recipe, index=5):
     """A scene of a packaged config at an eighth of its size, with simple models."""
     config = lean(name, models={"complex": 0.3}, textures={"source": "procedural", "max_patches": 4}, **recipe)
-    sampler = sampler_of(config, worn=patches(4))
+    sampler = sampler_of(config, atlas_patches=patches(4))
     return case(sampler.sample(index).scene, sampler.models, thin=True)
 
 

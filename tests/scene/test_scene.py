@@ -36,7 +36,9 @@ def small(*keys: str) -> Config:
 @pytest.fixture(scope="module")
 def sampler_of():
     library = build_library(small().models, small().particles, Split(3))
-    return lambda *keys, seed=3, its_patches=None: SceneSampler(small(*keys), seed, library, its_patches or patches())
+    return lambda *keys, seed=3, atlas_patches=None: SceneSampler(
+        small(*keys), seed, library, atlas_patches or patches()
+    )
 
 
 def differing(one, other):
@@ -101,7 +103,7 @@ def test_panels_are_slanted_curved_and_beyond_the_near_plane(sampler_of):
 
 
 def test_scenes_depend_on_config_seed_index_and_attempt_alone(sampler_of):
-    sampler, other = sampler_of(its_patches=patches(400)), sampler_of(its_patches=patches(400))
+    sampler, other = sampler_of(atlas_patches=patches(400)), sampler_of(atlas_patches=patches(400))
     for index in (17, 0, 5):
         other.sample(index)
     one = sampler.sample(17, 1).scene
@@ -134,7 +136,7 @@ def test_scenes_of_an_ablation_differ_only_in_their_factor(names, factor):
 
 
 def test_frames_of_a_sequence_share_camera_and_background_and_move(sampler_of):
-    sampler = sampler_of("sequence.length=4", "sequence.frame_s=0.02", its_patches=patches(2, frames=7))
+    sampler = sampler_of("sequence.length=4", "sequence.frame_s=0.02", atlas_patches=patches(2, frames=7))
     frames = [sampler.sample(index) for index in range(4, 8)]
     assert [(each.sequence.number, each.frame) for each in frames] == [(1, 0), (1, 1), (1, 2), (1, 3)]
     for first, second in pairwise(frames):

@@ -92,12 +92,12 @@ LARGE = tuple(Patch("l", 0, 0, 1024, 5 + k, 1, 9.0, large=True) for k in range(2
 
 def test_walls_wear_them_and_no_patch_repeats_across_the_view():
     config = load_config("middlebury", ["textures.large_px=1024", "structures.panels=3", "models.complex=0"])
-    sampled = sampler_of(config, worn=(*SMALL, *LARGE)).sample(0)
+    sampled = sampler_of(config, atlas_patches=(*SMALL, *LARGE)).sample(0)
     still = sampled.scene.model < len(SURFACE_MODELS)
     assert still.sum() == 9
     patch = sampled.instances["patch"]
     assert set(patch[still]) <= {5, 6}
-    plain = sampler_of(config, worn=SMALL).sample(0).scene
+    plain = sampler_of(config, atlas_patches=SMALL).sample(0).scene
     # On the screen a patch is at least as wide as the image: the same UV spans fewer patches than of small ones.
     shown = plain.uv_scale[still] / sampled.scene.uv_scale[still]
     assert (shown >= 1024 / 256 - 1e-9).all()
@@ -107,7 +107,7 @@ def test_walls_wear_them_and_no_patch_repeats_across_the_view():
     np.testing.assert_array_equal(plain.uv_scale[same], sampled.scene.uv_scale[same])
     np.testing.assert_array_equal(plain.uv_offset[same], sampled.scene.uv_offset[same])
     many = tuple(replace(LARGE[0], first_layer=5 + k) for k in range(24))
-    assert len({*sampler_of(config, worn=(*SMALL, *many)).sample(0).instances["patch"][still]}) == 9
+    assert len({*sampler_of(config, atlas_patches=(*SMALL, *many)).sample(0).instances["patch"][still]}) == 9
 
 
 def test_of_a_large_surface_one_patch_spans_the_view():
@@ -125,7 +125,7 @@ def test_what_is_seen_of_a_surface_shows_a_patch_about_once(config):
     kind = {"middlebury": "room", "kitti": "street"}[config]
     overrides = ["scenes=[]", f"background={{cuboid: 0, plane: 0, {kind}: 1}}", "particles.layers=[{count: 20}]"]
     config = load_config(config, [*overrides, "disparity.target={form: uniform}", "models.variants=1"])
-    sampler = sampler_of(config, worn=(*SMALL, *LARGE))
+    sampler = sampler_of(config, atlas_patches=(*SMALL, *LARGE))
     once, small, models = [], [], 0
     for index in range(4):
         sampled = sampler.sample(index)

@@ -35,7 +35,7 @@ def test_patches_share_the_chance_of_their_subject():
 
 def numbers_of_patches(config, patches, scenes):
     """The patches of many surfaces: those of small ones, and those of walls and panels."""
-    sampler = sampler_of(config, worn=patches)
+    sampler = sampler_of(config, atlas_patches=patches)
     sampled = [sampler.sample(number) for number in range(scenes)]
     patch = np.concatenate([each.instances["patch"] for each in sampled])
     large = np.array([each.large for each in patches])[patch]
