@@ -88,7 +88,6 @@ def test_a_dataset_lies_apart_from_its_photographs_and_models(home, tmp_path, mo
         ("", "expected a folder"),
         ("S3:/bucket/set", "slash"),
         ("my-store:/set", "slash"),
-        ("~nosuchuser/set", "nosuchuser"),
     ],
 )
 def test_places_where_nobody_looks_are_refused(program, tmp_path, address, word):
