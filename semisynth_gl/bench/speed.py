@@ -17,7 +17,7 @@ from semisynth_gl.dataset.make import Job, encode, open_renderer, write_shard
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 
 STAGES: Mapping[str, str] = {
@@ -97,7 +97,7 @@ class _Clock(Listener):
         self.seconds[stage] += now - self._last
         self._last = now
 
-    def on_pair(self, pair: FinishedPair) -> None:  # noqa: ARG002 - the listener's signature
+    def on_pair(self) -> None:
         self.finished.append(time.perf_counter())
 
 

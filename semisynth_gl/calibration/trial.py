@@ -16,7 +16,7 @@ from semisynth_gl.config.load import parse_values
 from semisynth_gl.judge.comparison import Values, unit_of
 from semisynth_gl.judge.measured_view import make_view, working_width
 from semisynth_gl.judge.measures import MEASURES, measure_view
-from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -69,7 +69,7 @@ def fit(draft: ConfigDraft, place: Values, pairs: int, listener: Listener) -> Co
             pair = renderer.render(number, checked=False)
             recipe, scale = cells[pair.provenance["recipe"]]
             trial[recipe][scale].append(_blurred(pair, width_px, blur_scale))
-            listener.on_pair(FinishedPair("train", number))
+            listener.on_pair()
     weights, texels, blur = nearest_mix(trial, shares, wanted.shares, place)
     weighed = zip(scenes, weights.tolist(), strict=True)
     look = {

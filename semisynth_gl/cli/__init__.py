@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import signal
 import sys
 from importlib import import_module
 from typing import NoReturn
@@ -44,6 +45,7 @@ def main() -> NoReturn:
     # The library's log messages announce work that takes seconds.
     logging.basicConfig(format="%(message)s", force=True)
     logging.getLogger("semisynth_gl").setLevel(logging.INFO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a scheduler's way to stop a run, as Ctrl-C is a user's
     sys.exit(_run())
 
 
@@ -55,7 +57,7 @@ def _run() -> int:
         error.show()
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):  # click makes one of the other
-        click.echo("Stopped. Complete files and shards stay on disk.", err=True)
+        click.echo("Stopped. Complete files and shards stay on disk; the same command goes on.", err=True)
         return _REFUSED
     except MemoryError:
         text = "the memory is full. Use fewer --workers, smaller images or patches, or fewer models and particles."

@@ -17,25 +17,17 @@ from semisynth_gl.cli.options import (
     split,
 )
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.config import Config
 from semisynth_gl.config.dataset_sections import LAYOUTS
-from semisynth_gl.dataset.interrupts import interrupts_stop
-from semisynth_gl.frame.channels import OUTPUTS, View
-from semisynth_gl.inputs.errors import InputError, abbreviate, counted
-from semisynth_gl.listener import FinishedPair
+from semisynth_gl.frame.channels import OUTPUTS
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.seeds.splits import SplitName
 
 if TYPE_CHECKING:
     from semisynth_gl.dataset.engines import Engine
     from semisynth_gl.dataset.generate import GenerationResult
 
-_REASONS_SHOWN = 5
-# Share of a pair's pixels above which a message tells of disparities that the encoding cannot store.
-_LARGE_SHARE_BEYOND = 0.01
 # A worker takes about as long to start as to make a few pairs.
 _PAIRS_PER_WORKER = 8
-# The exit code of a run that was stopped.
-_STOPPED = 2
 
 
 def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | None:
@@ -130,7 +122,7 @@ def generate(
     names = ", ".join(name for name in outputs or () if name != "none")
     config = scene_config(config_name, images, models, settings, *[f"outputs=[{names}]"] * (outputs is not None))
     counts: dict[SplitName, int] = {"train": pairs, "validation": validation, "test": test}
-    with _GenerationProgress() as progress:
+    with Progress() as progress:
         result = generate_dataset(
             config,
             out if out is not None else f"out/{config.name}",
@@ -141,7 +133,6 @@ def generate(
             listener=progress,
             **options,
         )
-    progress.conclude(config, result)
     _conclude(result)
 
 
@@ -165,40 +156,7 @@ def _open_engine(
     return SerialEngine() if name == "serial" or (name is None and count == 1) else LocalEngine(count)
 
 
-class _GenerationProgress(Progress):
-    """Progress that stops the run at Ctrl-C, and counts redrawn and unencodable pairs for messages at the end."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._redrawn: list[str] = []
-        self._shares_beyond: list[float] = []
-
-    def on_total(self, pairs: int) -> None:
-        self._open.enter_context(interrupts_stop(self))
-        super().on_total(pairs)
-
-    def on_pair(self, pair: FinishedPair) -> None:
-        super().on_pair(pair)
-        self._redrawn += [f"pair {pair.index}: {reason}" for reason in pair.redrawn]
-        self._shares_beyond += [pair.share_beyond] if pair.share_beyond > _LARGE_SHARE_BEYOND else []
-
-    def conclude(self, config: Config, result: "GenerationResult") -> None:
-        if self._redrawn:
-            which = abbreviate(self._redrawn, _REASONS_SHOWN)
-            self.on_message(f"pairs rendered anew after they failed their checks: {len(self._redrawn)}: {which}")
-        if self._shares_beyond:
-            encoding = result.plan.layout.encodings_for(config).disparity.name
-            self.on_message(
-                f"in {counted(len(self._shares_beyond), 'pair')} more than {_LARGE_SHARE_BEYOND:.0%} of the pixels "
-                f"have a disparity that {encoding} cannot hold, at worst {max(self._shares_beyond):.1%}: they are "
-                f"invalid ({View.disparity.beyond_key} counts them)"
-            )
-
-
 def _conclude(result: "GenerationResult") -> None:
-    if result.stopped:
-        click.echo("Stopped. Complete shards stay on disk; the same command makes the others.", err=True)
-        click.get_current_context().exit(_STOPPED)
     if result.missing:
         shards = counted(len(result.plan.shards), "shard")
         click.echo(

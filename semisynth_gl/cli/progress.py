@@ -3,14 +3,13 @@
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from typing import Self, TypeVar
 
 import click
 from tqdm import tqdm
 
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.listener import Listener
 
 _SECONDS_BETWEEN_LINES = 10.0
 _Item = TypeVar("_Item")
@@ -24,13 +23,13 @@ class Progress(Listener):
         self._start = self._shown_at = 0.0
         self._bar: tqdm | None = None
         self._renderers: set[str] = set()
-        self._open = ExitStack()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._open.close()
+        if self._bar is not None:
+            self._bar.close()
 
     def on_message(self, text: str) -> None:
         """Show a sentence."""
@@ -47,14 +46,9 @@ class Progress(Listener):
         self._total = pairs
         self._start = self._shown_at = time.monotonic()
         if sys.stderr.isatty():
-            self._bar = self._open.enter_context(tqdm(total=pairs, unit="pair", file=sys.stderr))
+            self._bar = tqdm(total=pairs, unit="pair", file=sys.stderr)
 
-    def on_pair(self, pair: FinishedPair) -> None:
-        """Count a pair."""
-        del pair
-        self.advance()
-
-    def advance(self) -> None:
+    def on_pair(self) -> None:
         """Count a pair; without a terminal, print a line every 10 s and at the end."""
         self._count += 1
         if self._bar is not None:
@@ -74,4 +68,4 @@ class Progress(Listener):
         self.on_total(len(items))
         for item in items:
             yield item
-            self.advance()
+            self.on_pair()

@@ -2,6 +2,8 @@
 
 import logging
 import os
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
@@ -9,8 +11,7 @@ from itertools import islice
 from socket import create_connection
 from typing import Any
 
-from semisynth_gl.dataset.engines import Recorder, keep_freed_memory
-from semisynth_gl.dataset.interrupts import interrupts_kept
+from semisynth_gl.dataset.engines import keep_freed_memory, report_shard
 from semisynth_gl.dataset.make import Job, ShardMaker
 from semisynth_gl.inputs.errors import (
     ContextLostError,
@@ -23,7 +24,6 @@ from semisynth_gl.inputs.errors import (
 from semisynth_gl.listener import Listener
 
 _RETRIES = 3  # of a shard after the loss of its process or node
-_TICK_S = 0.2  # how soon a request to stop is noticed
 _WAITED_FOR = 1000  # shards at a time, of all that Ray has been given
 _KNOCK_S = 5.0  # how long a cluster may take to accept a connection
 # Unless told otherwise, Ray reports usage to its makers. Without the second variable, Ray warns of a coming change in
@@ -45,7 +45,7 @@ class RayEngine:
         self._gpus = gpus
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
-        """Make shards; see `Engine.run`. A request to stop ends the current shards.
+        """Make shards; see `Engine.run`.
 
         Raises:
             InputError: where Ray is missing or the cluster cannot be reached.
@@ -60,19 +60,19 @@ class RayEngine:
             pickled = ray.put(ray.cloudpickle.dumps(job))
             pending = {make.remote(pickled, number): number for number in numbers}
             try:
-                while pending and not listener.stopping:
-                    ready, _ = ray.wait(list(islice(pending, _WAITED_FOR)), num_returns=1, timeout=_TICK_S)
-                    for reference in ready:
-                        _result(ray, reference, pending.pop(reference)).repeat(listener)
+                while pending:
+                    (ready,), _ = ray.wait(list(islice(pending, _WAITED_FOR)), num_returns=1)
+                    number = pending.pop(ready)
+                    report_shard(job, number, _result(ray, ready, number), listener)
             finally:
                 with suppress(ray.exceptions.RayError):
                     for reference in pending:
                         ray.cancel(reference, force=True)
 
 
-def _result(ray: Any, reference: Any, number: int) -> Recorder:  # noqa: ANN401 - Ray has no types
+def _result(ray: Any, reference: Any, number: int) -> str:  # noqa: ANN401 - Ray has no types
     try:
-        made: Recorder | Exception = ray.get(reference)
+        made: str | Exception = ray.get(reference)
     except ray.exceptions.RayError as error:
         raise WorkerError(
             f"shard {number} could not be made: {str(error).strip()}. Complete shards stay on disk"
@@ -86,25 +86,24 @@ def _result(ray: Any, reference: Any, number: int) -> Recorder:  # noqa: ANN401 
 _makers: dict[tuple[bytes, str | None], ShardMaker] = {}
 
 
-def _make(job: bytes, number: int) -> Recorder | Exception:
-    """Make a shard in a process of Ray; return what its listener heard, or an error, whose type Ray would change."""
+def _make(job: bytes, number: int) -> str | Exception:
+    """Make a shard in a process of Ray; return the renderer's name, or an error, whose type Ray would change."""
     from ray import cloudpickle  # noqa: PLC0415 - an extra
 
-    heard, key = Recorder(), (job, os.environ.get("CUDA_VISIBLE_DEVICES"))
+    key = job, os.environ.get("CUDA_VISIBLE_DEVICES")
     try:
         if key not in _makers:
             while _makers:
                 _makers.popitem()[1].close()
             keep_freed_memory()
             _makers[key] = ShardMaker(cloudpickle.loads(job))
-        _makers[key].make_shard(number, heard)
+        return _makers[key].make_shard(number, Listener())
     except ContextLostError:
         os._exit(1)  # Ray makes the shard again in another process
     except (SemisynthError, OSError) as error:
         return error
     except Exception as error:  # noqa: BLE001 - the driver raises it
         return WorkerError(described(error))
-    return heard
 
 
 def _ray() -> Any:  # noqa: ANN401 - a module
@@ -132,8 +131,10 @@ def _connected(ray: Any) -> Iterator[None]:  # noqa: ANN401
         if port.isdigit() and "//" not in host:  # an address of Ray's client has a scheme
             # Without this, Ray would try for minutes to reach an address where nothing listens.
             create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
-        with interrupts_kept():
-            ray.init(log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
+        on_sigterm = signal.getsignal(signal.SIGTERM)
+        ray.init(log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, on_sigterm)  # Ray replaces it
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(
             f"the Ray cluster (address {address}) cannot be reached ({error}). Is it running, and is this "

@@ -3,27 +3,24 @@
 import ctypes
 import os
 import signal
-from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
-from itertools import islice
-from multiprocessing import active_children, get_context, parent_process
+from contextlib import closing, contextmanager
+from multiprocessing import active_children, get_context, parent_process, resource_tracker
 from multiprocessing.sharedctypes import Synchronized
 from threading import Thread
-from typing import Any, Protocol
+from typing import Protocol
 
-from semisynth_gl.dataset.interrupts import ENDING_SIGNALS, interrupts_blocked
 from semisynth_gl.dataset.make import Job, ShardMaker
 from semisynth_gl.inputs.errors import ContextLostError, WorkerError, counted
-from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.listener import Listener
 
 THREADS = "LP_NUM_THREADS"
 """Environment variable with the number of threads that llvmpipe may have; see `threads_each`."""
 
 _POOLS = 3  # of a run, at most; a pool that lost a worker is replaced
-_AHEAD = 2  # shards that wait for each worker, so that none is idle
-_TICK_S = 0.1  # how soon a request to stop ends the workers
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 # M_TRIM_THRESHOLD, -1: most free bytes that stay at the heap's end. M_MMAP_THRESHOLD, -3: arrays larger than this are
 # not part of the heap; 32 MiB is the most that all versions of glibc accept.
 _MALLOC_OPTIONS = {-1: 256 << 20, -3: 32 << 20}
@@ -33,7 +30,7 @@ class Engine(Protocol):
     """Makes the shards of a job."""
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
-        """Make the shards of these numbers; return once all are complete, or soon after `Listener.stopping` is true.
+        """Make the shards of these numbers; return once all are complete.
 
         The listener hears the pairs of finished shards, and messages about lost workers. Raises WorkerError where
         workers keep dying, and the error of a shard as `ShardMaker.make_shard` does.
@@ -44,31 +41,10 @@ class SerialEngine:
     """Makes one shard after the other in this process."""
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
-        """Make shards; see `Engine.run`. A request to stop ends the shard after the current pair."""
+        """Make shards; see `Engine.run`."""
         with closing(ShardMaker(job)) as maker:
             for number in numbers:
-                if listener.stopping or not maker.make_shard(number, listener):
-                    return
-
-
-class Recorder(Listener):
-    """Keeps what a worker process reports about a shard, for the listener of the first process."""
-
-    def __init__(self) -> None:
-        self._heard: list[tuple[str, Any]] = []
-
-    def on_renderer(self, name: str) -> None:
-        """Keep the name."""
-        self._heard.append(("on_renderer", name))
-
-    def on_pair(self, pair: FinishedPair) -> None:
-        """Keep the pair."""
-        self._heard.append(("on_pair", pair))
-
-    def repeat(self, listener: Listener) -> None:
-        """Tell another listener what this one has heard."""
-        for method, value in self._heard:
-            getattr(listener, method)(value)
+                maker.make_shard(number, listener)
 
 
 class LocalEngine:
@@ -78,7 +54,7 @@ class LocalEngine:
         self._workers = workers
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
-        """Make shards; see `Engine.run`. A request to stop ends the current shards."""
+        """Make shards; see `Engine.run`."""
         left = dict.fromkeys(numbers)
         for attempt in range(1, _POOLS + 1):
             try:
@@ -94,29 +70,41 @@ class LocalEngine:
 
 
 def _run_pool(job: Job, left: dict[int, None], workers: int, listener: Listener) -> None:
-    """Make shards in a pool of processes; remove complete ones from ``left``. Ends early if the listener stops."""
+    """Make shards in a pool of processes; remove complete ones from ``left``. Processes end with the function."""
     # A forked process would inherit an OpenGL context that it cannot use.
     context, strangers = get_context("spawn"), {*active_children()}
     executor = ProcessPoolExecutor(workers, context, _start, (job, context.Value("i", 0), threads_each(workers)))
-    waiting, pending = iter([*left]), dict[Future[Recorder], int]()
     try:
-        while not listener.stopping:
-            with interrupts_blocked():  # the first call starts the processes
-                for number in islice(waiting, _AHEAD * workers - len(pending)):
-                    pending[executor.submit(_make, number)] = number
-            if not pending:
-                return
-            done = wait(pending, _TICK_S, FIRST_COMPLETED).done
-            # A lost process leaves an error in all other shards: those that are complete come first.
-            for future in sorted(done, key=lambda each: each.exception() is not None):
-                number = pending.pop(future)
-                future.result().repeat(listener)
-                del left[number]
+        with _interrupts_blocked():  # the first calls start the processes
+            numbers = {executor.submit(_make, number): number for number in left}
+        for future in as_completed(numbers):
+            report_shard(job, numbers[future], future.result(), listener)
+            del left[numbers[future]]
     finally:
-        executor.shutdown(wait=not pending, cancel_futures=True)
-        for process in {*active_children()} - strangers if pending else ():
+        executor.shutdown(wait=not left, cancel_futures=True)
+        for process in {*active_children()} - strangers if left else ():
             process.kill()
             process.join()
+
+
+def report_shard(job: Job, number: int, renderer: str, listener: Listener) -> None:
+    """Tell a listener about a shard that another process has made with a renderer."""
+    listener.on_renderer(renderer)
+    shard = job.plan.shards[number]
+    for _ in range(shard.first, shard.end):
+        listener.on_pair()
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Let processes that start in the block begin with both signals blocked; here, these wait for its end."""
+    # Otherwise the resource tracker would start with the first process, and lift the mask.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 # The shard maker of a worker process.
@@ -126,9 +114,9 @@ _maker: ShardMaker
 def _start(job: Job, started: "Synchronized[int]", threads: int) -> None:
     """Begin a worker process; ``started`` counts them."""
     global _maker  # noqa: PLW0603 - one for the process
-    # A terminal sends Ctrl-C to all processes: the first one decides about the current shards.
+    # A terminal sends Ctrl-C to all processes: the first one ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _INTERRUPTS)
     with started.get_lock():
         number, started.value = started.value, started.value + 1
     Thread(target=_end_with_parent, daemon=True).start()
@@ -143,11 +131,9 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _make(number: int) -> Recorder:
-    """Make a shard in a worker process; return what its listener heard."""
-    heard = Recorder()
-    _maker.make_shard(number, heard)
-    return heard
+def _make(number: int) -> str:
+    """Make a shard in a worker process; return the renderer's name."""
+    return _maker.make_shard(number, Listener())
 
 
 def keep_freed_memory() -> None:

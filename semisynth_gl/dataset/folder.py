@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import Any
 
 from upath import UPath
 
@@ -98,8 +99,8 @@ def missing(root: UPath, plan: Plan) -> list[Shard]:
     return [shard for shard in plan.shards if shard.record not in there]
 
 
-def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> None:
-    """Write the lists, links and card of a dataset that lacks no shard, and last its index.
+def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> dict[str, Any]:
+    """Write the lists, links and card of a dataset that lacks no shard, and last its index, whose content it returns.
 
     ``sources`` are the photographs, patches and models of each split.
     """
@@ -117,6 +118,7 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
             if not (root / name).is_symlink():
                 (root / name).symlink_to(target)
     replace(root, INDEX, JSON_OBJECT.encode(index))
+    return index
 
 
 @contextmanager

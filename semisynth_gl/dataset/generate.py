@@ -30,15 +30,11 @@ _MANY_PAIRS = 10_000
 
 @dataclass(frozen=True, slots=True)
 class GenerationResult:
-    """A dataset after a run: its root, the plan of the complete dataset, and the number of shards still missing.
-
-    ``stopped`` says whether the listener stopped the run before it had made all shards that it was asked for.
-    """
+    """A dataset after a run: its root, the plan of the complete dataset, and the number of shards still missing."""
 
     root: UPath
     plan: Plan
     missing: int
-    stopped: bool = False
 
 
 def generate(
@@ -76,7 +72,7 @@ def generate(
             machines; the run that finds none missing writes the index.
         overwrite: replace an earlier dataset of this program, with all that is in the folders of its layout; an
             unfinished dataset of the same plan is resumed.
-        listener: hears messages, the number of pairs to make and each pair, and may ask to stop.
+        listener: hears messages, the number of pairs to make and each pair.
 
     Raises:
         SemisynthError: where the input cannot be used, ``out`` holds something else, or workers keep dying.
@@ -115,10 +111,11 @@ def generate(
         if wanted:
             engine.run(job, [shard.number for shard in wanted], listener)
         left = missing(root, plan)
-        if not left:
-            finish(root, plan, sources)
-    stopped = listener.stopping and any(shard.number in chosen for shard in left)
-    return GenerationResult(root, plan, len(left), stopped)
+        redraws = 0 if left else finish(root, plan, sources)["redraws"]
+    if redraws:
+        attempts = counted(redraws, "attempt")
+        listener.on_message(f"rendered anew after {attempts} that failed the checks; the pairs' JSON files say why")
+    return GenerationResult(root, plan, len(left))
 
 
 def check_apart(root: UPath, config: Config) -> None:
@@ -142,6 +139,10 @@ def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listen
         of_user = max(library.user_count for library in split_sources.libraries)
         yours = f", {of_user} of them yours" if of_user else ""
         listener.on_message(f"{prefix}{counted(len(split_sources.models), 'model')}{yours}")
+    disparity, largest_px = plan.encodings.disparity, plan.config.disparity.max_px
+    if largest_px > disparity.limit_px:
+        limit = f"{disparity.limit_px:.0f} px of up to {largest_px:g} px"
+        listener.on_message(f"disparities above {limit} become invalid: {disparity.description} cannot hold them")
     first = plan.splits[0]
     seed, patches = plan.split(first).seed, sources[first].atlas.patches
     # Before any worker starts, so that all workers find the result in the cache.

@@ -4,12 +4,12 @@ import hashlib
 import json
 import tarfile
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
-from math import ceil
+from math import ceil, prod
 from typing import IO, Any
 
 from upath import UPath
@@ -18,8 +18,9 @@ from semisynth_gl.dataset.documents import FORMAT, RECORDS, Plan, Shard
 from semisynth_gl.dataset.plan import differences, used_plugins
 from semisynth_gl.dataset.root import is_local, open_root, replace, write
 from semisynth_gl.dataset.sample import EncodedPair, encode_pair
+from semisynth_gl.frame.channels import View
 from semisynth_gl.inputs.errors import InputError, abbreviate
-from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.devices import egl_index_of_worker
@@ -52,8 +53,8 @@ class ShardMaker:
         """Close the renderer."""
         self._resources.close()
 
-    def make_shard(self, number: int, listener: Listener) -> bool:
-        """Render, encode and write the pairs of a shard, see `write_shard`; the listener may ask to stop between two.
+    def make_shard(self, number: int, listener: Listener) -> str:
+        """Render, encode and write the pairs of a shard, see `write_shard`; return the renderer's name.
 
         Raises:
             InputError: where this process has other plug-ins, photographs or models than the plan says, or pairs keep
@@ -62,16 +63,11 @@ class ShardMaker:
         """
         plan, shard = self._job.plan, self._job.plan.shards[number]
         renderer = self._renderer_of(shard.split, listener)
-
-        def rendered() -> Iterator[Pair]:
-            for index in range(shard.first, shard.end):
-                if listener.stopping:
-                    return
-                yield renderer.render(index)
-
+        rendered = map(renderer.render, range(shard.first, shard.end))
         in_thread = not is_software(renderer.renderer_name)
-        with closing(in_order(rendered(), partial(encode, plan, shard), in_thread=in_thread)) as pairs:
-            return write_shard(open_root(self._job.address), plan, shard, pairs, listener)
+        with closing(in_order(rendered, partial(encode, plan, shard), in_thread=in_thread)) as pairs:
+            write_shard(open_root(self._job.address), plan, shard, pairs, listener)
+        return renderer.renderer_name
 
     def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
         if self._renderer is None or self._renderer.split.name != split:
@@ -132,11 +128,11 @@ def in_order(
 
 def write_shard(
     root: UPath, plan: Plan, shard: Shard, pairs: Iterable[EncodedPair], listener: Listener | None = None
-) -> bool:
-    """Write the files of a shard's pairs, then its record; return whether the shard is complete.
+) -> None:
+    """Write the files of a shard's pairs, which are in order, then its record.
 
-    ``pairs`` are in order; an iterable that ends early leaves the shard without a record. The listener hears each pair
-    once its files are written. Raises OSError where the disk is full or cannot be written to.
+    The listener hears each pair once its files are written. Raises OSError where the disk is full or cannot be written
+    to.
     """
     start, listener = time.perf_counter(), listener or Listener()
     packed, digest, size = plan.layout.packed, hashlib.sha256(), 0
@@ -164,12 +160,12 @@ def write_shard(
                     size += len(data)
             # All pairs of a sequence carry the same redraws.
             redrawn = [] if number % plan.config.sequence_pairs else pair.provenance.get("redrawn", [])
-            facts = {"pair": number, "redrawn": redrawn, "share_beyond": pair.share_beyond}
+            # Disparities that the encoding cannot store, in the view with more of them.
+            beyond = max(pair.provenance.get(View.disparity.beyond_key, {}).values(), default=0)
+            facts = {"pair": number, "redrawn": redrawn, "share_beyond": beyond / prod(plan.size)}
             samples.append(facts | {"files": files})
             renderers.add(pair.provenance["renderer"])
-            listener.on_pair(FinishedPair(shard.split, number, tuple(redrawn), pair.share_beyond))
-        if len(samples) < shard.end - shard.first:
-            return False
+            listener.on_pair()
         if packed:  # two empty blocks, and padding to whole tar records
             end = bytes(2 * tarfile.BLOCKSIZE + -(size + 2 * tarfile.BLOCKSIZE) % tarfile.RECORDSIZE)
             tar.write(end)
@@ -191,7 +187,6 @@ def write_shard(
     }
     write(root, shard.log, f"{json.dumps({'seconds': round(time.perf_counter() - start, 3)})}\n".encode())
     replace(root, shard.record, f"{json.dumps(record)}\n".encode())
-    return True
 
 
 def _tar_member(name: str, data: bytes) -> bytes:

@@ -88,12 +88,11 @@ class StoredFrame(Frame):
 class EncodedPair(NamedTuple):
     """A pair as files in memory: their bytes by path, below the split's folder or inside the tar.
 
-    ``provenance`` is the content of its JSON file; see `semisynth_gl.listener.FinishedPair` for ``share_beyond``.
+    ``provenance`` is the content of its JSON file.
     """
 
     files: dict[str, bytes]
     provenance: Mapping[str, Any]
-    share_beyond: float
 
 
 def encode_pair(
@@ -118,9 +117,7 @@ def encode_pair(
         role = layout.role(name)
         if role.arrays <= made:
             files[path] = role.codec(encodings).encode(role.value(sample))
-    beyond = provenance.get(View.disparity.beyond_key, {})
-    pixels = frame.camera.width_px * frame.camera.height_px
-    return EncodedPair(files, provenance, max(beyond.values(), default=0) / pixels)
+    return EncodedPair(files, provenance)
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role

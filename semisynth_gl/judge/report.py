@@ -21,7 +21,7 @@ from semisynth_gl.judge.measured_view import make_view, working_width
 from semisynth_gl.judge.measures import measure_view
 from semisynth_gl.judge.pictures import MASKS, embed_pair
 from semisynth_gl.judge.place import MeasuredPlace, map_files, measure_place
-from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.seeds import spread
 from semisynth_gl.textures.image_files import find_images
 
@@ -142,7 +142,7 @@ def _measure(
         view = make_view(width_px, frame.left.image, frame.left.disparity, signed=plan.encodings.signed)
         name = frame.name if len(plan.pairs) == 1 else f"{frame.split} {frame.name}"
         pairs.append(MeasuredPair(position, name, frame.recipe, measure_view(view)))
-        listener.on_pair(FinishedPair(*dataset.pair(position)))
+        listener.on_pair()
     return pairs, Histogram.from_counts(edges_px, counts) if counts.any() else None
 
 

@@ -22,7 +22,7 @@ from semisynth_gl.judge.lens import check_lens
 from semisynth_gl.judge.matching import check_frames, check_masks, check_views
 from semisynth_gl.judge.rays import check_rays
 from semisynth_gl.judge.single_view import check_calibration, check_view
-from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.seeds import spread
 from semisynth_gl.seeds.splits import SplitName
 
@@ -111,7 +111,7 @@ def verify(
             verdicts.append(verdict)
             for finding in verdict.findings:
                 on_finding(finding)
-            listener.on_pair(FinishedPair(shard.split, number))
+            listener.on_pair()
     return Verification(len(verdicts) - 1, verdicts, no_rays)
 
 

@@ -17,8 +17,6 @@ from tiny_datasets import CLUTTER_ALONE
 from semisynth_gl import cli
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config, packaged_configs
-from semisynth_gl.dataset.interrupts import interrupts_stop
-from semisynth_gl.listener import Listener
 from semisynth_gl.render.devices import Device
 
 SETTINGS = (*CLUTTER_ALONE, "camera.width_px=160", "camera.height_px=96", "models.variants=1", "models.complex=0")
@@ -127,7 +125,7 @@ def test_broken_models_are_named_and_left_out(program, tmp_path, photographs):
 
 
 def test_a_stopped_run_says_so_and_leaves_no_index(program, monkeypatch, tmp_path, photographs):
-    monkeypatch.setattr(Progress, "on_pair", lambda progress, _: progress.stop())
+    monkeypatch.setattr(Progress, "on_pair", lambda _: signal.raise_signal(signal.SIGTERM))
     assert_refused(program(*ETH3D, photographs, "--out", "o", "--pairs", 9, "--engine", "serial"), "Stopped")
     assert not (tmp_path / "o/index.json").exists()
 
@@ -173,12 +171,3 @@ def test_verify_takes_a_number_of_pairs_or_all(program):
 def test_an_interrupt_ends_a_command_with_a_line(monkeypatch, program):
     monkeypatch.setattr("semisynth_gl.cli.configs.summaries", lambda: signal.raise_signal(signal.SIGINT))
     assert_refused(program("configs"), "Stopped.")
-
-
-def test_the_second_interrupt_of_a_long_run_ends_it():
-    listener = Listener()
-    with interrupts_stop(listener):
-        signal.raise_signal(signal.SIGINT)
-        assert listener.stopping
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)

@@ -45,19 +45,20 @@ def test_a_dataset_outlives_a_node_a_stop_and_an_error(tmp_path, monkeypatch):
     with nodes() as (both, second):
         monkeypatch.setenv("RAY_ADDRESS", both.address)
         engine = RayEngine()
-        made = run(tmp_path / "ray", engine, Recorder(lambda _: True))
-        assert made.stopped
-        assert 0 < made.missing < PAIRS // 2
+        with pytest.raises(KeyboardInterrupt):
+            run(tmp_path / "ray", engine, Recorder(1))
+        complete = len([*(tmp_path / "ray/shards").glob("semisynth-*.json")])
+        assert 0 < complete < PAIRS // 2
 
         class Killer(Recorder):
-            def on_pair(self, pair):
-                super().on_pair(pair)
-                if len(self.pairs) == 2:
+            def on_pair(self):
+                super().on_pair()
+                if self.pairs == 2:
                     both.remove_node(second, allow_graceful=False)
 
         killer = Killer()
         run(tmp_path / "ray", engine, killer)
-        assert sorted({pair.index for pair in killer.pairs}) == sorted(pair.index for pair in killer.pairs)
+        assert killer.pairs <= PAIRS - 2 * complete
         assert digests(tmp_path / "ray") == wanted
         never = config.model_copy(update={"checks": config.checks.model_copy(update={"min_texture": 1e6})})
         with pytest.raises(InputError):

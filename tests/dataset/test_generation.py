@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from recorder import Recorder
 from tiny_datasets import SEED, findings, tiny
 
 from semisynth_gl.config import load_config
@@ -10,6 +11,7 @@ from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.pairs import pipeline
 from semisynth_gl.scene.sources import prepare_sources
 
 
@@ -40,6 +42,15 @@ def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
 def test_what_a_layout_cannot_hold_is_refused(tmp_path, layout, settings, said):
     with pytest.raises(InputError, match=f"{layout} .*{said}"):
         generate(load_config("kitti", settings), tmp_path / "out", 1, layout=layout)
+
+
+def test_a_run_tells_how_many_attempts_failed_the_checks(config, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        pipeline, "faults", lambda _, __, scene=None: ["too dark"] * (scene is not None and scene.sequence.attempt < 2)
+    )
+    recorder = Recorder()
+    generate(config, tmp_path / "o", 1, SEED, listener=recorder)
+    assert "rendered anew after 2 attempts that failed the checks" in recorder.messages[-1]
 
 
 def test_splits_share_neither_photographs_nor_scenes(config, tmp_path):

@@ -55,9 +55,12 @@ def test_16_bit_disparities_beyond_256_px_are_counted(tmp_path, program):
     out = tmp_path / "out"
     code, _, err = program("generate", "--config", "middlebury", "--out", out, "--pairs", 1, "--seed", 1, *options)
     assert code == 0, err
-    assert "in 1 pair more than 1% of the pixels have a disparity that png16 cannot hold" in err
+    assert "disparities above 256 px of up to 430 px become invalid: 16-bit PNG" in err
     assert findings(out, 100) == []
     path = out / SCENES / "middlebury-000000" / "pair.json"
+    (record,) = (out / "shards").glob("semisynth-*.json")
+    (sample,) = json.loads(record.read_text())["samples"]
+    assert 0 < sample["share_beyond"] == max(json.loads(path.read_text())["disparity_beyond"].values()) / (900 * 60)
     change_json(path, lambda pair: pair["disparity_beyond"].update(left=1_000_000))
     assert any("beyond the encoding" in finding.message for finding in findings(out))
 
