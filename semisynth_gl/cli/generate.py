@@ -24,7 +24,6 @@ from semisynth_gl.seeds.splits import SplitName
 
 if TYPE_CHECKING:
     from semisynth_gl.dataset.engines import Engine
-    from semisynth_gl.dataset.generate import GenerationResult
 
 # A worker takes about as long to start as to make a few pairs.
 _PAIRS_PER_WORKER = 8
@@ -133,7 +132,15 @@ def generate(
             listener=progress,
             **options,
         )
-    _conclude(result)
+    if result.missing:
+        shards = counted(len(result.plan.shards), "shard")
+        click.echo(
+            f"{result.missing} of {shards} still missing. The run that makes the last one ends the dataset.", err=True
+        )
+        click.echo(f"the requested shards are in {result.root}")
+        return
+    click.echo(f"{counted(sum(result.plan.pairs.values()), 'pair')} in {result.root}")
+    click.echo(f"To look at the images: semisynth-gl report {shlex.quote(str(result.root))}", err=True)
 
 
 def _open_engine(
@@ -154,15 +161,3 @@ def _open_engine(
     if name == "serial" and (workers or 1) > 1:
         raise InputError("--workers is for --engine local, and not for serial")
     return SerialEngine() if name == "serial" or (name is None and count == 1) else LocalEngine(count)
-
-
-def _conclude(result: "GenerationResult") -> None:
-    if result.missing:
-        shards = counted(len(result.plan.shards), "shard")
-        click.echo(
-            f"{result.missing} of {shards} still missing. The run that makes the last one ends the dataset.", err=True
-        )
-        click.echo(f"the requested shards are in {result.root}")
-        return
-    click.echo(f"{counted(sum(result.plan.pairs.values()), 'pair')} in {result.root}")
-    click.echo(f"To look at the images: semisynth-gl report {shlex.quote(str(result.root))}", err=True)

@@ -15,17 +15,14 @@ from semisynth_gl.dataset.make import Job
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import is_local, open_root
 from semisynth_gl.inputs.arguments import to_whole
-from semisynth_gl.inputs.errors import InputError, counted, shown
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.context import check_libraries
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import Sources, prepare_sources
-from semisynth_gl.seeds.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import reaching_source
-
-# From this number of pairs on, file systems are slower with single files than with tars.
-_MANY_PAIRS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,17 +76,13 @@ def generate(
         OSError: where the disk is full or cannot be written to. Complete shards stay.
     """
     named: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}
-    if not named.keys() <= {*SPLITS}:
-        raise InputError(f"expected the splits {', '.join(SPLITS)}, got {shown(list(named))}", argument="pairs")
-    counts = {name: to_whole(f"pairs of {name}", count) for name, count in named.items()}
     gpus = tuple(to_whole("the number of a GPU", number, least=0) for number in gpus)
     listener, engine, root = listener or Listener(), engine or SerialEngine(), open_root(out)
     there = read_plan(root)
     if there is not None and not overwrite:
         layout = layout or there.layout_name
         shard_pairs = there.shard_pairs if shard_pairs is None else shard_pairs
-    layout = layout or config.layout or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
-    plan = make_plan(config, seed, layout, counts, shard_pairs)
+    plan = make_plan(config, seed, layout, named, shard_pairs)
     chosen = _chosen(plan.shards, shards)
     check_apart(root, plan.config)
     if there is not None and not overwrite:

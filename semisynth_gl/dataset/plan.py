@@ -19,18 +19,21 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 _MOST_SHARD_PAIRS = 64
 _SHARD_PIXELS = 86_000_000  # of cameras; about 1 GB
 _FEWEST_SHARDS = 8
+# From this number of pairs on, file systems are slower with single files than with tars.
+_MANY_PAIRS = 10_000
 _ABSENT = object()
 
 
 def make_plan(
-    config: Config, seed: int, layout_name: str, pairs: Mapping[SplitName, int], shard_pairs: int | None = None
+    config: Config, seed: int, layout_name: str | None, pairs: Mapping[SplitName, int], shard_pairs: int | None = None
 ) -> Plan:
     """Make the plan of a dataset; outputs that the layout needs are added to the config.
 
     Args:
         config: the config of the pairs.
         seed: 0 or more.
-        layout_name: the name of a layout, built-in or a plug-in's.
+        layout_name: the name of a layout, built-in or a plug-in's; by default the config's, else ``middlebury``, and
+            ``webdataset`` from 10,000 pairs on.
         pairs: number of pairs of each split; 0 leaves a split out.
         shard_pairs: pairs in a shard; by default 64 of them, and fewer in small datasets or of large images.
 
@@ -38,10 +41,13 @@ def make_plan(
         InputError: where a number is out of range, there is no such layout, or the layout cannot hold the config's
             outputs, encodings or sequences.
     """
-    layout = find_layout(layout_name)
+    if not pairs.keys() <= {*SPLITS}:
+        raise InputError(f"expected the splits {', '.join(SPLITS)}, got {shown(list(pairs))}", argument="pairs")
     counts = {name: to_whole(f"pairs of {name}", pairs[name], 1, MOST_PAIRS) for name in SPLITS if pairs.get(name)}
     if not counts:
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
+    layout_name = layout_name or config.layout or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
+    layout = find_layout(layout_name)
     for reason in _faults(config, layout):
         raise InputError(f"the layout {layout_name} {reason}; or choose another layout, such as middlebury")
     if lacking := sorted(layout.needs.difference(config.outputs)):
