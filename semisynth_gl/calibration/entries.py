@@ -107,7 +107,7 @@ def label_of(name: Name, cameras: tuple[str, str] | None = None, *, rotation: bo
     if left or right:
         return "" if left and right else "left" if left else "right"
     numbers = next((numbers for part in reversed(name) if (numbers := re.findall(r"\d+", part))), [])
-    return (numbers[-1].lstrip("0") or "0") if numbers else ""
+    return str(int(numbers[-1][-9:])) if numbers else ""  # Python converts at most 4,300 digits
 
 
 def kind_of(entry: NamedArray) -> tuple[str, Array] | None:
