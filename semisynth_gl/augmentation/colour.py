@@ -34,9 +34,9 @@ def recoloured(
 ) -> NDArray[np.uint8]:
     """Return an image, (H, W, 3) uint8 or of a monochrome camera (H, W), with other colours; see `Augmentation`.
 
-    Contrast counts from the luminance ``mean``. Brightness to hue and then the white balance's factors of red, green
-    and blue change a pixel's colour at once, rounded once; the rest is a camera's, see `Imperfections`. Where two
-    images differ by a level, strong saturation and turns of the hue may make that 5 levels.
+    Contrast scales differences from the luminance ``mean``. Brightness, contrast, saturation, hue and white balance, in
+    this order, are one linear step with one rounding; the other changes are a camera's, see `Imperfections`. Strong
+    saturation and turns of the hue may turn a difference of one level between two images into 5 levels.
     """
     factor, offset = brightness * contrast, (1 - contrast) * mean * brightness
     if image.ndim == 2:

@@ -102,7 +102,7 @@ class _Clock(Listener):
 
 
 def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tuple[dict[str, str], dict[str, float]]:
-    """Return `Renderer.facts`, and the seconds of each stage of all pairs; the driver finishes one before the next."""
+    """Return `Renderer.facts`, and the seconds of each stage of all pairs; the stages do not overlap."""
     keep_freed_memory()
     with tempfile.TemporaryDirectory() as scratch:
         job = Job(make_plan(config, seed, _LAYOUT, {"train": 1 + pairs}, 1), scratch, backend)
@@ -128,7 +128,7 @@ def _pairs_per_second(config: Config, seed: int, backend: Backend, workers: int,
             config, scratch, total, seed, layout=_LAYOUT, backend=backend, engine=LocalEngine(workers),
             shard_pairs=length, listener=clock,
         )  # fmt: skip
-    # The pairs of a shard are told together.
+    # The listener hears all pairs of a shard at once, when the shard is complete.
     shards = clock.finished[length - 1 :: length]
     return timed * length / (shards[-1 - workers] - shards[2 * workers - 1])
 

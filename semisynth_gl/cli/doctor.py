@@ -45,7 +45,7 @@ def doctor() -> None:
     backends: tuple[Backend, ...] = ("egl", "osmesa")
     working = [backend for backend in backends if _try(backend)]
     if not working:
-        click.echo("No backend works: nothing can be rendered here.")
+        click.echo("No backend renders exact disparities: nothing can be rendered here.")
         click.get_current_context().exit(1)
     click.echo(f"Ready: {', '.join(working)}")
 

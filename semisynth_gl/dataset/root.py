@@ -12,7 +12,7 @@ from upath import UPath
 from semisynth_gl.inputs.errors import InputError, ReadError, how_to_install
 from semisynth_gl.inputs.user_files import expanded
 
-# Most bytes that one call reads.
+# Maximum size of a file that `read_whole` reads.
 _MOST_BYTES = 1 << 31
 
 
@@ -61,13 +61,13 @@ def read_whole(root: UPath, name: str) -> bytes:
 
 
 def read_if_there(root: UPath, name: str) -> bytes | None:
-    """Read a file as `read_whole` does, or return None where it is missing; `clear_errors` turns errors of a store."""
+    """Read a file as `read_whole` does, or return None where it is missing; a store's errors are `clear_errors`'."""
     with clear_errors(root):
         return read_whole(root, name) if (root / name).exists() else None
 
 
 def read_part(root: UPath, name: str, offset: int, length: int) -> bytes:
-    """Read bytes of a file from an offset on, fewer where the file ends earlier; raises like `read_whole`."""
+    """Read bytes of a file from an offset on, fewer where the file ends earlier; raises ReadError where it cannot."""
     path = root / name
     try:
         if not is_local(root):

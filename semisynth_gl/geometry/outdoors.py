@@ -1,4 +1,4 @@
-"""Things seen in streets: cars, houses, signs, street lamps, benches, bicycles, bins. Their front faces -y."""
+"""Things seen in streets: cars, houses, signs, street lamps, benches, bicycles, bins. Each is built to face -y."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -84,7 +84,7 @@ def house(rng: np.random.Generator) -> Parts:
 
 
 def _window(size: Floats, at: Sequence[float]) -> Parts:
-    """A frame, a cross and a sill at ``at``, sunk into a wall across y; each stands out by a different length.
+    """A frame, a cross and a sill at ``at``, sunk into a wall perpendicular to y; each stands out by its own length.
 
     ``size`` is (2,): width and height.
     """

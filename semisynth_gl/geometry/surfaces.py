@@ -193,8 +193,8 @@ def _planar_uv(points: Floats, normal: Floats) -> Floats:
     return np.stack([points @ u[0], points @ v[0]], axis=1)
 
 
-# The sides of a box, in the order -x, +x, -y, +y, -z, +z: corners anticlockwise seen from outside. The bits of a
-# corner's number stand for the upper end along x, y and z.
+# The sides of a box, in the order -x, +x, -y, +y, -z, +z: corners anticlockwise seen from outside. A
+# corner's number is 4 x + 2 y + z, where 1 is the upper end of an axis.
 _BOX_SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 

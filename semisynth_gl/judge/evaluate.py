@@ -132,6 +132,9 @@ def evaluate_views(predictions: Path, predictions_right: Path) -> dict[str, Any]
         The content of ``--json``, in JSON's types: ``confirmed_px`` (see `CONFIRMED_PX`), the number of ``pairs``,
         ``mean`` with the mean of the pairs as ``unconfirmed``, and ``images`` with each pair's ``name``, its files
         ``left`` and ``right``, and ``unconfirmed`` in percent.
+
+    Raises:
+        InputError: where the folders have no maps, or maps of different names or sizes.
     """
     left, right = expanded(predictions), expanded(predictions_right)
     lefts, rights = (

@@ -132,7 +132,7 @@ def _scenes_for_rays(
         return frozenset(), {}, str(error)
 
 
-# Arrays have inf or NaN where nothing is known. No check judges values that are computed from them.
+# Arrays have inf or NaN where nothing is known. Checks ignore what is computed from such values.
 @np.errstate(invalid="ignore", divide="ignore")
 def _check_frame(frame: StoredFrame, before: StoredFrame | None, index: StoredIndex, verdict: Verdict) -> None:
     """Check a pair, and compare it with the same view's pair one frame earlier, if there is one."""

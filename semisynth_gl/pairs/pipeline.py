@@ -16,7 +16,7 @@ from semisynth_gl.pairs.checks import faults
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.context import check_libraries
-from semisynth_gl.render.readers import Reader, read_array
+from semisynth_gl.render.readers import PixelReader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
@@ -87,7 +87,7 @@ class PairRenderer:
         seed: int | Split,
         backend: Backend = "auto",
         device_index: int = 0,
-        read: Reader = read_array,
+        read: PixelReader = read_array,
     ) -> None:
         check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
         self.config = config

@@ -24,7 +24,8 @@ REQUIRED_VERSION = 450
 # Ids of the processes that have opened a context: this process, or one from which it was forked.
 _opened_in: set[int] = set()
 _AFTER_FORK = (
-    "drivers do not survive that: start it in another way, a DataLoader's workers with multiprocessing_context='spawn'"
+    "drivers do not survive a fork. Start the process by 'spawn', and a DataLoader's workers with "
+    "multiprocessing_context='spawn'"
 )
 
 # The libraries of each backend: it needs one of each group.

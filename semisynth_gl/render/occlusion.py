@@ -1,8 +1,8 @@
 """Finds hidden triangles, so that a software driver need not draw them in scenes of many triangles.
 
-First, the instances that cover the largest part of the image with the fewest triangles are drawn, only into the depth
-buffer. Instances, and runs of their triangles, whose bounding boxes certainly lie behind this depth are not visible in
-any pixel: the images are the same without them, bit for bit. Everything else is drawn in the usual order.
+First, near instances that cover much of the image with few triangles are drawn, only into the depth buffer. Instances,
+and runs of their triangles, whose bounding boxes certainly lie behind this depth are not visible in any pixel: the
+images are the same without them, bit for bit. Everything else is drawn in the usual order.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,8 @@ TILE_PX = 16
 # Margins for rounding: of positions in the image, and of depth, as a share.
 _BORDER_PX = 1
 _ROUNDING = 1e-3
-# Polygon offset that moves the first depth away, by 1 / 1024 to 1 / 2048 of a triangle's largest depth.
+# Polygon offset of the instances that are drawn first: they move away by 1 / 1024 to 1 / 2048 of a triangle's largest
+# depth.
 _BEHIND_ULP = -8192.0
 # Maximum factor by which strips along outlines are nearer than their surface; see edges.geom.
 _STRIPS_NEARER = 1.032
@@ -182,7 +183,7 @@ def _boxes(
 
 
 def _most_area(boxes: NDArray[np.float64], size: tuple[int, int], triangles: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Choose the instances whose boxes cover the largest part of the image, with a limited share of the triangles."""
+    """Choose near instances whose boxes cover much of the image, with a limited share of the triangles."""
     (left, right), (top, bottom) = (boxes[[0, 2]].clip(0, size[0]), boxes[[1, 3]].clip(0, size[1]))
     # An instance that the near plane cuts may surround all others, as walls do, so it hides nothing.
     depth = np.where(np.isfinite(boxes[4]), boxes[4], 0.0)

@@ -1,4 +1,4 @@
-"""The projection from the camera frame (OpenCV's) to OpenGL's clip space; the only place that handles half pixels."""
+"""The projection from the camera frame (OpenCV's) to OpenGL's clip space, with its half pixels."""
 
 import numpy as np
 from numpy.typing import NDArray

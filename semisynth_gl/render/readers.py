@@ -10,7 +10,7 @@ Viewport = tuple[int, int, int, int]
 """Left column, first row, width and height, px."""
 
 
-class Reader(Protocol):
+class PixelReader(Protocol):
     """Reads an attachment's pixels; returns an array (H, W) or (H, W, C), or an object that represents one."""
 
     def __call__(
@@ -29,7 +29,7 @@ _DTYPES = {"f1": np.uint8, "u1": np.uint8, "u2": np.uint16, "f4": np.float32}
 def read_array(
     framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int
 ) -> NDArray[Any]:
-    """Return a rectangle of an attachment as a new array (H, W) or (H, W, C), top row first; see `Reader`."""
+    """Return a rectangle of an attachment as a new array (H, W) or (H, W, C), top row first; see `PixelReader`."""
     shape = viewport[3], viewport[2]
     pixels = np.empty((*shape, components) if components > 1 else shape, _DTYPES[kind])
     # An alignment of 1 keeps rows tightly packed, even if their length is not a multiple of 4.
@@ -49,7 +49,7 @@ class PixelBuffers:
     def fill(
         self, framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int
     ) -> moderngl.Buffer:
-        """Copy a rectangle of an attachment into a buffer, tightly packed, top row first; see `Reader`."""
+        """Copy a rectangle of an attachment into a buffer, tightly packed, top row first; see `PixelReader`."""
         size = viewport[2] * viewport[3] * components * int(kind[1:])
         if size not in self._buffers:
             self._buffers[size] = framebuffer.ctx.buffer(reserve=size)

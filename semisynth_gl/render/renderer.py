@@ -31,7 +31,7 @@ from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.options import OF_BOTH_VIEWS, RenderOptions
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readback_pass import ReadbackPass
-from semisynth_gl.render.readers import Reader, read_array
+from semisynth_gl.render.readers import PixelReader, read_array
 from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.target_pool import TargetPool
 from semisynth_gl.scene.scene import Motion, Scene
@@ -66,7 +66,7 @@ class Renderer:
         pattern: the pattern of the scenes' projectors, (H, W) uint8; None if no scene has a projector.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
-        read: reads the pixels that were drawn, by default into arrays in memory; see `Reader`.
+        read: reads the pixels that were drawn, by default into arrays in memory; see `PixelReader`.
 
     Attributes:
         listener: for measurements, is called at the end of each stage ("draw", "visibility", "readback"), after the
@@ -96,7 +96,7 @@ class Renderer:
         pattern: NDArray[np.uint8] | None = None,
         backend: Backend = "auto",
         device_index: int = 0,
-        read: Reader = read_array,
+        read: PixelReader = read_array,
     ) -> None:
         to_whole("device_index", device_index, least=0)
         if not models:

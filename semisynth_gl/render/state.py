@@ -10,7 +10,7 @@ from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.options import RenderOptions
 from semisynth_gl.render.patches import PatchTextures
-from semisynth_gl.render.readers import Reader
+from semisynth_gl.render.readers import PixelReader
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,5 +23,5 @@ class RenderState:
     anisotropies: tuple[int, ...]  # for each atlas, the maximum number of samples of a patch for one pixel
     constants: ConstantsBuffer
     options: RenderOptions
-    read: Reader  # reads the pixels that were drawn
+    read: PixelReader  # reads the pixels that were drawn
     pattern: NDArray[np.uint8] | None = None  # (H, W), the pattern of the scenes' projectors

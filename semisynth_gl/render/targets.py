@@ -13,7 +13,7 @@ from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.options import attachment_of, pass_of
-from semisynth_gl.render.readers import Reader, Viewport, read_array
+from semisynth_gl.render.readers import PixelReader, Viewport, read_array
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class Targets:
         context: GraphicsContext,
         size: tuple[int, int],
         attachments: dict[str, Attachment],
-        read: Reader,
+        read: PixelReader,
         depth_buffer: moderngl.Renderbuffer | None = None,
     ) -> None:
         self._unbound, self._read, self.attachments = context.unbound, read, attachments
@@ -183,7 +183,7 @@ class EyeTargets(Targets):
         *,
         grey: bool = False,
         blended: bool = False,
-        read: Reader = read_array,
+        read: PixelReader = read_array,
     ) -> None:
         info = context.gl.info
         limit = min(int(info["GL_MAX_TEXTURE_SIZE"]), *(int(side) for side in info["GL_MAX_VIEWPORT_DIMS"]))

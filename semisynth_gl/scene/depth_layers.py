@@ -4,7 +4,8 @@ The Boolean model. Particles are thrown independently, so the number of a layer'
 a Poisson distribution. Its mean, the coverage lambda_k of layer k, is the sum of the particles' areas over the area of
 the region into which they are thrown. Of the particles of layer k that cover a pixel, let each show d px or more with
 probability S_k(d). The number that do is again Poisson, with mean lambda_k S_k(d), and is 0 with the probability
-exp(-lambda_k S_k(d)). With F_bare(d) for the share of the bare view below d, the share of the view below d is
+exp(-lambda_k S_k(d)). With F_bare(d) for the share of the view below d before particles are thrown, the share of the
+view below d is
 
     F(d) = F_bare(d) * product over k of exp(-lambda_k S_k(d)).                                                  (1)
 
@@ -22,7 +23,7 @@ depth z Z has the disparity
 
     d' = (d + doffs) / z - doffs.                                                                                (3)
 
-Lengths over Z are px over f. Let the path recede by a px in depth while its age t runs from 0 to 1, and let the
+Lengths over Z are px over f. Let the path recede by ``a`` px in depth while its age t runs from 0 to 1, and let the
 particle have a radius of r px. A surface point that lies h radii in front of the particle's centre has
 
     z = 1 + (t - 1/2) a / f - h r / f.                                                                           (4)
@@ -102,7 +103,8 @@ class DepthLayers:
         relief = np.minimum(radius, relief_px)
         height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
         speed = drift.low + (drift.high - drift.low) * where[:, 3]
-        # Half a turn of headings covers both directions of each axis. ``age`` is t - 1/2: 0 in the middle of the path.
+        # The parts of the drift in depth and sideways each have the distribution of all headings, but are of different
+        # headings. ``age`` is t - 1/2: 0 in the middle of the path.
         path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
         # Depths are in units of Z from here on. A model reaches relief / f in front of its centre. Its drift in depth
         # is limited so that it stays beyond the near plane, as in `particle_poses`.

@@ -19,7 +19,7 @@ _MOST_DEVICES = 64
 
 
 class CudaReader:
-    """A `Reader` (see `render`) that reads attachments into tensors on a CUDA device.
+    """A `PixelReader` (see `render`) that reads attachments into tensors on a CUDA device.
 
     The device must have an index, and OpenGL must draw on the same GPU. Without NVIDIA's bindings of CUDA the
     constructor raises InputError.
