@@ -75,7 +75,7 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
 
     Args:
         name: of `SETS`.
-        images: photographs of the place; without them, textures are those of `rig.yaml`.
+        images: photographs of the place; without them, the textures of `rig.yaml` are used.
         scratch: folder for what `calibrate` writes.
 
     Raises:
