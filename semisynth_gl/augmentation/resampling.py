@@ -20,7 +20,7 @@ Positions = NDArray[np.floating[Any]]
 class Points:
     """Points between the pixels of an image of some height and width, or up to half a pixel beyond it.
 
-    Columns are (1, W), rows are (H, 1).
+    Columns are (H, W) or (1, W), rows are (H, W) or (H, 1).
     """
 
     def __init__(self, x_px: Positions, y_px: Positions, sides: tuple[int, int]) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from semisynth_gl.calibration.entries import camera_matrix, is_rotation
+from semisynth_gl.calibration.named_arrays import camera_matrix, is_rotation
 from semisynth_gl.calibration.poses import pose_of
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import Array, FormatError, Tree

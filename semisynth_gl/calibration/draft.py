@@ -44,7 +44,7 @@ _INDOOR_M, _OUTDOOR_FROM = 20.0, 0.02
 _DEPTH_OF_FLAT = 3.0
 # Number of particles in rooms, streets and still lifes. With two to six, views were either empty or full.
 _FLOATING = [12, 40]
-# Ranges of disparity, as quantiles of the target: those of these particles, of the walls of rooms, and of panels.
+# Ranges of disparity, as quantiles of the target: for these particles, for the walls of rooms, and for panels.
 _NEAR, _ROOM_ENDS, _PANELS = (0.4, 0.98), (0.1, 0.4), (0.1, 0.8)
 # If walls and panels cannot reach this quantile of the target, there are only recipes without them.
 _STILL_UP_TO = 0.9

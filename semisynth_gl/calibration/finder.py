@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from semisynth_gl.calibration.entries import (
+from semisynth_gl.calibration.named_arrays import (
     COEFFICIENT_WORDS,
     NamedArray,
     by_columns,
@@ -19,7 +19,7 @@ from semisynth_gl.calibration.entries import (
     with_parts,
     words_of,
 )
-from semisynth_gl.calibration.poses import RelativePose, link_of, pose_of, right_from_left
+from semisynth_gl.calibration.poses import RelativePose, pose_of, relative_pose, right_from_left
 from semisynth_gl.calibration.sizes import Size, upright
 from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel
@@ -92,15 +92,17 @@ class StereoArrays:
         self.notes: list[str] = []
         self._unit = unit
         self._cameras = cameras and (label_of(cameras[:1]) or cameras[0], label_of(cameras[1:]) or cameras[1])
-        entries = [*with_parts(_entries(tree))]
-        kinds = [(entry, *found) for entry in entries if (found := kind_of(entry)) is not None]
-        self._links = [link_of(entry.name, pose, self._cameras) for entry, kind, pose in kinds if kind == "pose"]
-        self._entries = [entry for entry in entries if self._is_of_rig(entry.name)]
+        named_arrays = [*with_parts(_named_arrays(tree))]
+        kinds = [(named, *found) for named in named_arrays if (found := kind_of(named)) is not None]
+        self._stated_poses = [
+            relative_pose(named.name, pose, self._cameras) for named, kind, pose in kinds if kind == "pose"
+        ]
+        self._named_arrays = [named for named in named_arrays if self._is_of_rig(named.name)]
         self._texts = {name: value for name, value in tree.items() if self._is_of_rig(name)}
         self._found: dict[str, list[NamedArray]] = {}
-        for entry, kind, array in sorted(kinds, key=_unlikeliness):
-            if self._is_of_rig(entry.name):
-                self._found.setdefault(kind, []).append(NamedArray(entry.name, array))
+        for named, kind, array in sorted(kinds, key=_unlikeliness):
+            if self._is_of_rig(named.name):
+                self._found.setdefault(kind, []).append(NamedArray(named.name, array))
         # Each step uses results of the steps before it.
         self.k, self.p, self.rectification = (self._eyes(key) for key in "KPR")
         self.size, raw_size = self._sizes()
@@ -132,7 +134,7 @@ class StereoArrays:
     # --- arrays of both eyes ---
 
     def _of(self, key: str, *, raw: bool = False) -> dict[str, NamedArray]:
-        """Return the likeliest array of a kind for each camera's label; if ``raw``, skip those of rectified cameras."""
+        """Return the likeliest array of a kind for each camera's label; if ``raw``, only of raw cameras."""
         found = [each for each in reversed(self._found.get(key, [])) if not (raw and each.has("rect"))]
         return {label_of(each.name, self._cameras, rotation=key == "R"): each for each in found}
 
@@ -161,16 +163,16 @@ class StereoArrays:
             # The R in a name such as "rotation (R)" does not mean the right eye: T's label holds for both.
             rotations = dict.fromkeys(translations, *rotations.values())
         poses = {eye: pose_of(rotations[eye].value, t.value) for eye, t in translations.items() if eye in rotations}
-        links = {eye: link_of(translations[eye].name, pose, self._cameras) for eye, pose in poses.items()}
+        relative = {eye: relative_pose(translations[eye].name, pose, self._cameras) for eye, pose in poses.items()}
         # 1. R and T whose names state neither an eye nor frames.
-        if "" in links and not links[""].sure:
+        if "" in relative and not relative[""].sure:
             return poses[""]
         # 2. A chain of poses. R and T of only one camera are left to step 4.
-        is_of_one_camera = len(links) == 1 and "" not in links
-        chain = self._links if is_of_one_camera else [*self._links, *links.values()]
+        is_of_one_camera = len(relative) == 1 and "" not in relative
+        chain = self._stated_poses if is_of_one_camera else [*self._stated_poses, *relative.values()]
         found = right_from_left(chain, self._cameras)
         # 3. Without P, a single pose whose name states no frames leads from one eye to the other.
-        if found is None and self.p is None and [link.sure for link in chain] == [False]:
+        if found is None and self.p is None and [each.sure for each in chain] == [False]:
             found = right_from_left([RelativePose("right", "left", chain[0].pose, sure=False)], ("left", "right"))
         # 4. Some files store R and T, from the first camera to the second, beside the second camera.
         return next(iter(poses.values())) if found is None and len(poses) == 1 else found
@@ -228,14 +230,14 @@ class StereoArrays:
 
     def _baseline(self, focal_px: float) -> float | None:
         """Return the baseline in the file's unit: a number of that name, an unnamed number, or f B divided by f."""
-        for entry in self._entries:
-            if entry.value.size != 1 or not np.isfinite(entry.value).all():
+        for named in self._named_arrays:
+            if named.value.size != 1 or not np.isfinite(named.value).all():
                 continue
-            value = abs(float(entry.value.ravel()[0]))
-            if found := re.fullmatch(_BASELINE, entry.key):
+            value = abs(float(named.value.ravel()[0]))
+            if found := re.fullmatch(_BASELINE, named.key):
                 self._unit = self._unit or (found[1] and (found[1] if found[1] in UNITS else "m"))
                 return value
-            if entry.key in _FOCAL_TIMES_BASELINE:
+            if named.key in _FOCAL_TIMES_BASELINE:
                 return value / focal_px
         return None
 
@@ -243,7 +245,7 @@ class StereoArrays:
 
     def _model(self) -> LensModel | None:
         """Return the stated lens model; raises FormatError for an unsupported model, or for two models."""
-        stated = [each.key for each in self._entries if each.key in {"radtan", "equidistant"}]
+        stated = [each.key for each in self._named_arrays if each.key in {"radtan", "equidistant"}]
         for name, value in self._texts.items():
             words = " ".join(words_of(name))
             if isinstance(value, str) and re.search(r"\b(model|type|lens|distortion|projection)", words):
@@ -269,7 +271,7 @@ class StereoArrays:
         if size is not None and raw_size not in {None, size}:
             raise FormatError(f"expected raw images of {size}, the size of rectified images, got {raw_size}")
         stated = {
-            each.name: each.value for each in self._entries if each.has(COEFFICIENT_WORDS) and each.value.size > 1
+            each.name: each.value for each in self._named_arrays if each.has(COEFFICIENT_WORDS) and each.value.size > 1
         }
         if d is None and stated:
             raise FormatError(f"expected 4, 5, 8, 12 or 14 coefficients of both lenses, got {listing(stated)}")
@@ -289,13 +291,13 @@ class StereoArrays:
     def _sizes(self) -> tuple[Size | None, Size | None]:
         """Return the size of the images (with P, of rectified images) and the size of raw images; None if unknown."""
         rectified, raw = dict[Size, None](), dict[Size, None]()  # used as ordered sets
-        for entry in self._found.get("size", ()):
-            width, height = entry.value.tolist()
+        for named in self._found.get("size", ()):
+            width, height = named.value.tolist()
             if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
                 raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
             if width and height:  # 0 x 0 is OpenCV's unknown size
                 size = upright(Size(int(width), int(height)), [*(self.k or ()), *(self.p or ())])
-                (rectified if entry.has("rect") else raw)[size] = None
+                (rectified if named.has("rect") else raw)[size] = None
         known = [*((rectified or raw) if self.p is not None else (raw or rectified))]
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected the same size for both cameras")
@@ -304,20 +306,20 @@ class StereoArrays:
 
 def sizes_in(tree: Tree) -> list[Array]:
     """Return the sizes of images, (2,), that a tree states."""
-    kinds = map(kind_of, with_parts(_entries(tree)))
+    kinds = map(kind_of, with_parts(_named_arrays(tree)))
     return [array for kind, array in filter(None, kinds) if kind == "size"]
 
 
-def _entries(tree: Tree) -> Sequence[NamedArray]:
+def _named_arrays(tree: Tree) -> Sequence[NamedArray]:
     return by_columns([NamedArray(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)])
 
 
 def _unlikeliness(found: tuple[NamedArray, str, Array]) -> tuple[bool, bool, int]:
     """Return a sort key: least for the likeliest array of its kind: calibrated K and D, rectifying rotations and P."""
-    entry, kind, array = found
-    is_derived = entry.has(_DERIVED)
-    is_rotation_vector = entry.value.size != array.size
-    return is_derived if kind in "KD" else not is_derived, is_rotation_vector, len(entry.name)
+    named, kind, array = found
+    is_derived = named.has(_DERIVED)
+    is_rotation_vector = named.value.size != array.size
+    return is_derived if kind in "KD" else not is_derived, is_rotation_vector, len(named.name)
 
 
 def projections(left: Array, right: Array, baseline: float) -> Pair:

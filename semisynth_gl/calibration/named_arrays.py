@@ -110,15 +110,15 @@ def label_of(name: Name, cameras: tuple[str, str] | None = None, *, rotation: bo
     return str(int(numbers[-1][-9:])) if numbers else ""  # Python converts at most 4,300 digits
 
 
-def kind_of(entry: NamedArray) -> tuple[str, Array] | None:
+def kind_of(named: NamedArray) -> tuple[str, Array] | None:
     """Return the kind of an array, and the array in that kind's shape; None for other arrays.
 
     Kinds are K, R (3, 3), P (3, 4), Q, pose (4, 4), T (3,), D (N,) in OpenCV's order, and size (2,), width first.
     """
-    value = entry.value.ravel()
+    value = named.value.ravel()
     if not (np.abs(value) <= _LARGEST).all():  # written so that nan fails too
         return None
-    return _kind_of_matrix(value) or _kind_by_name(entry, value)
+    return _kind_of_matrix(value) or _kind_by_name(named, value)
 
 
 def _kind_of_matrix(value: Array) -> tuple[str, Array] | None:
@@ -136,18 +136,18 @@ def _kind_of_matrix(value: Array) -> tuple[str, Array] | None:
     return ("pose", np.vstack([rows[:3], (0, 0, 0, 1)])) if is_pose else None
 
 
-def _kind_by_name(entry: NamedArray, value: Array) -> tuple[str, Array] | None:
+def _kind_by_name(named: NamedArray, value: Array) -> tuple[str, Array] | None:
     count = value.size
-    if count == 3 and entry.is_translation:
+    if count == 3 and named.is_translation:
         return "T", value
-    if entry.is_rotation and (rotation := _rotation(value)) is not None:
+    if named.is_rotation and (rotation := _rotation(value)) is not None:
         return "R", rotation
-    if max(entry.value.shape, default=0) == count and count in (0, *range(4, 33)) and entry.has(COEFFICIENT_WORDS):
+    if max(named.value.shape, default=0) == count and count in (0, *range(4, 33)) and named.has(COEFFICIENT_WORDS):
         return "D", value
-    if count == 3 and entry.has("t$"):
+    if count == 3 and named.has("t$"):
         return "T", value
-    if count in (2, 3, 4) and not entry.has(_OTHER_SIZES) and (named := re.fullmatch(_SIZE, entry.key)):
-        return "size", value[:2][:: -1 if named[4] else 1]  # group 4 is a shape, which has the height first
+    if count in (2, 3, 4) and not named.has(_OTHER_SIZES) and (match := re.fullmatch(_SIZE, named.key)):
+        return "size", value[:2][:: -1 if match[4] else 1]  # group 4 is a shape, which has the height first
     return None
 
 
@@ -178,24 +178,24 @@ def _rotation(value: Array) -> Array | None:
     return None
 
 
-def by_columns(entries: Sequence[NamedArray]) -> Sequence[NamedArray]:
+def by_columns(named_arrays: Sequence[NamedArray]) -> Sequence[NamedArray]:
     """Transpose all 3 x 3 matrices if K is stored for row vectors, as MATLAB stores it."""
-    turned = [NamedArray(e.name, e.value.reshape(3, 3).T) if e.value.size == 9 else e for e in entries]
+    turned = [NamedArray(e.name, e.value.reshape(3, 3).T) if e.value.size == 9 else e for e in named_arrays]
     is_turned = (is_camera_matrix(e.value) and not is_camera_matrix(e.value.T) for e in turned if e.value.size == 9)
-    return turned if any(is_turned) else entries
+    return turned if any(is_turned) else named_arrays
 
 
-def with_parts(entries: Sequence[NamedArray]) -> Iterator[NamedArray]:
+def with_parts(named_arrays: Sequence[NamedArray]) -> Iterator[NamedArray]:
     """Yield the arrays, and those made of single numbers: a camera matrix of fx and cx, coefficients of k1 and k2."""
     groups: dict[tuple[Name, str], dict[str, float]] = {}
-    for entry in entries:
-        yield entry
+    for named in named_arrays:
+        yield named
         # The last parts of a name may state only the camera, as in fx.left.
-        keys = [_part_key(part, entry.value.size) for part in entry.name]
+        keys = [_part_key(part, named.value.size) for part in named.name]
         index = max((index for index, (key, _) in enumerate(keys) if key), default=0)
         key, eye = keys[index]
-        for part, number in zip(_PARTS.get((key, entry.value.size), ()), entry.value.ravel().tolist(), strict=False):
-            group = entry.name[:index] + entry.name[index + 1 :], eye
+        for part, number in zip(_PARTS.get((key, named.value.size), ()), named.value.ravel().tolist(), strict=False):
+            group = named.name[:index] + named.name[index + 1 :], eye
             groups.setdefault(group, {}).setdefault(part, number)
     both = {name for name, eye in groups if eye}  # here, numbers without an eye belong to both eyes
     for (name, eye), own in groups.items():

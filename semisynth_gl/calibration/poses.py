@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.entries import LEFT, RIGHT, label_of, last_part, words_of
+from semisynth_gl.calibration.named_arrays import LEFT, RIGHT, label_of, last_part, words_of
 from semisynth_gl.calibration.tree import Array, Name
 
 # Words that mean a camera in the name of a pose. Any other frame is a body, an IMU or the world.
@@ -36,7 +36,7 @@ def pose_of(turn: Array, shift: Array) -> Array:
     return pose
 
 
-def link_of(name: Name, pose: Array, cameras: tuple[str, str] | None) -> RelativePose:
+def relative_pose(name: Name, pose: Array, cameras: tuple[str, str] | None) -> RelativePose:
     """Return the relative pose of the frames in the name of a pose (4, 4), else of its camera and a common frame."""
     if frames := frames_of(name, cameras):
         return RelativePose(*frames, pose)
@@ -45,21 +45,21 @@ def link_of(name: Name, pose: Array, cameras: tuple[str, str] | None) -> Relativ
     return RelativePose(label_of(name, cameras), f"against {stem}", pose, sure=False)
 
 
-def right_from_left(links: Sequence[RelativePose], cameras: tuple[str, str] | None) -> Array | None:
-    """Return the pose right_from_left, (4, 4), of the two cameras; None if the links do not connect them.
+def right_from_left(poses: Sequence[RelativePose], cameras: tuple[str, str] | None) -> Array | None:
+    """Return the pose right_from_left, (4, 4), of the two cameras; None if the poses do not connect them.
 
-    If directions of links are unknown, the direction is chosen that puts the right camera more to the right.
+    Where poses are not sure, the direction is chosen that puts the right camera more to the right.
     ``cameras`` are the labels of the left and the right camera; None for left and right, or the two lowest numbers.
     """
-    frames = {frame for link in links for frame in link[:2]}
+    frames = {frame for each in poses for frame in each[:2]}
     numbers = sorted((frame for frame in frames if frame.isdigit()), key=int)
     if cameras is None:
         cameras = ("left", "right") if len(numbers) < 2 or {"left", "right"} <= frames else (numbers[0], numbers[1])
     found = list[Array]()
     for inverted in (False, True):
-        # Poses frame_from_left. Each round over the links adds at least one more frame of a chain.
+        # Poses frame_from_left. Each round over ``poses`` adds at least one more frame of a chain.
         known: dict[str, Array] = {cameras[0]: np.eye(4)}
-        for to, start, pose, sure in [*links] * min(len(links), 9):
+        for to, start, pose, sure in [*poses] * min(len(poses), 9):
             to_from_start = np.linalg.inv(pose) if inverted and not sure else pose
             if start in known:
                 known.setdefault(to, to_from_start @ known[start])

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from semisynth_gl.calibration.entries import camera_matrix
 from semisynth_gl.calibration.finder import Pair, StereoArrays, projections
+from semisynth_gl.calibration.named_arrays import camera_matrix
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import Array
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
@@ -61,7 +61,7 @@ def make_rig(arrays: StereoArrays, size: Size, alpha: float | None = None) -> Ri
     much of the raw images as possible. None is OpenCV's default, but limits a fisheye's view to 100 degrees.
 
     Raises:
-        InputError: if P1 and P2 are not those of a rectified pair, the baseline is not above 0, both cameras have the
+        InputError: if P1 and P2 do not describe a rectified pair, the baseline is not above 0, both cameras have the
             same position or one is above the other, or OpenCV is needed and missing.
     """
     source, p, rectification, k, d = arrays.source, arrays.p, arrays.rectification, arrays.k, arrays.d
@@ -113,7 +113,7 @@ def _stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> tu
 
 
 def _baseline_m(left: Array, right: Array) -> float:
-    """Return the baseline of two projection matrices; raises InputError if they are not those of a rectified pair.
+    """Return the baseline of two projection matrices; raises InputError if they describe no rectified pair.
 
     Both matrices of a rectified pair are K [I | t], where both K have the same fx, fy and cy, and t is along x.
     """

@@ -147,7 +147,7 @@ def _apart(mixes: Floats, tried: Sequence[Floats], pictures: Floats) -> Floats:
     ``pictures`` for the pictures of the place; its `unit_of` is the unit of the distances.
     """
     samples = [values[np.isfinite(values)] for values in (*tried, pictures)]
-    # A mix's distribution function is the weighted mean of those of its recipes.
+    # A mix's distribution function is the weighted mean of its recipes' functions.
     steps = np.unique(np.concatenate(samples))
     *ours, theirs = (np.searchsorted(np.sort(each), steps[:-1], "right") / len(each) for each in samples)
     apart: Floats = np.abs(mixes @ np.array(ours) - theirs) @ np.diff(steps) / unit_of(pictures)

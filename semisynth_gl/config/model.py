@@ -155,7 +155,7 @@ class Config(Section):
     splits: SplitsSection = SplitsSection()
     licences: LicencesSection = LicencesSection()
     outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], FROM_LIST] = DEFAULT_OUTPUTS
-    """outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``, ``sky``,
+    """outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``, ``sky``,
     ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``, ``raw``, ``raw_map``"""
     truth: TruthViews = "both"
     """views that get truth: ``both`` or ``left``"""

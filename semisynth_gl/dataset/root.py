@@ -61,7 +61,7 @@ def read_whole(root: UPath, name: str) -> bytes:
 
 
 def read_if_there(root: UPath, name: str) -> bytes | None:
-    """Read a file as `read_whole` does, or return None where it is missing; a store's errors are `clear_errors`'."""
+    """Read a file as `read_whole` does, or return None where it is missing; raises as `clear_errors` says."""
     with clear_errors(root):
         return read_whole(root, name) if (root / name).exists() else None
 

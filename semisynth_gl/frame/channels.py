@@ -199,7 +199,7 @@ CHANNELS: Mapping[str, Channel[Any]] = {
 OUTPUTS: tuple[str, ...] = tuple(
     dict.fromkeys(channel.output for channel in CHANNELS.values() if channel.output is not None)
 )
-"""The outputs that a user may ask for beside images and disparities."""
+"""The outputs that a user may ask for besides images and disparities."""
 DEFAULT_OUTPUTS = ("visibility",)
 LENS_OUTPUTS = ("valid", "raw", "raw_map")
 """The outputs that come with the lenses of a config's pairs."""

@@ -33,20 +33,20 @@ _ARRAYS = ("positions", "uv", "triangles")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelLibrary:
-    """Models, and the chances by which they are drawn.
+    """Models, and the chances by which they are sampled.
 
     Attributes:
         models: all models, each normalised to radius 1.
-        drawn: (M,) int64, the models that are drawn, as indices into ``models``; other recipes may draw the rest.
-        chances: (M,) float64, sum 1, the chance of each drawn model; a family's models share its weight in proportion
+        sampled: (M,) int64, the models that are sampled, as indices into ``models``; other recipes may sample the rest.
+        chances: (M,) float64, sum 1, the chance of each sampled model; a family's models share its weight in proportion
             to the weights of their kinds.
-        silhouette: the mean silhouette of the drawn models.
+        silhouette: the mean silhouette of the sampled models.
         skipped: the user's files that have no usable model, and why.
         user_count: number of the user's models; they come first among the chosen models.
     """
 
     models: tuple[Mesh, ...]
-    drawn: NDArray[np.int64]
+    sampled: NDArray[np.int64]
     chances: Floats
     silhouette: Silhouette
     skipped: tuple[Skipped, ...]
@@ -57,7 +57,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
     """Build the models that a config asks for in a split, or load them from the cache.
 
     ``particles`` tells how models are stretched, on which their mean silhouette depends. All models of the library are
-    drawn. Raises InputError where a folder does not exist, the folders have no usable model, no model has a weight, a
+    sampled. Raises InputError where a folder does not exist, the folders have no usable model, no model has a weight, a
     plug-in cannot be used, or models are too few for all splits.
     """
     files = [sorted(files_below(expanded(folder))) for folder in section.folders]
@@ -94,9 +94,9 @@ def build_libraries(
     first_like = [likes.index(like) for like in likes]
     built = {first: build_library(*recipes[first], split) for first in dict.fromkeys(first_like)}
     numbers, models = dict[tuple[object, ...], int](), list[Mesh]()
-    drawn = dict[int, list[int]]()
+    sampled = dict[int, list[int]]()
     for first, library in built.items():
-        seen, drawn[first] = Counter[tuple[object, ...]](), []
+        seen, sampled[first] = Counter[tuple[object, ...]](), []
         for mesh in library.models:
             content = (mesh.name, *(getattr(mesh, name).tobytes() for name in _ARRAYS))
             # A library may have several equal models, each with its own chance.
@@ -105,9 +105,9 @@ def build_libraries(
             if key not in numbers:
                 numbers[key] = len(models)
                 models.append(mesh)
-            drawn[first].append(numbers[key])
+            sampled[first].append(numbers[key])
     return tuple(
-        replace(built[first], models=tuple(models), drawn=np.array(drawn[first], np.int64)) for first in first_like
+        replace(built[first], models=tuple(models), sampled=np.array(sampled[first], np.int64)) for first in first_like
     )
 
 

@@ -122,7 +122,7 @@ class Renderer:
                 self._state = RenderState(
                     self._context, buffers, patches, anisotropies, constants, self._options, read, pattern
                 )
-                self._targets: dict[tuple[int, int], TargetPool] = {}  # by image size, the latest last
+                self._pools: dict[tuple[int, int], TargetPool] = {}  # by image size, the latest last
                 self._drawing = DrawPass(self._state)
                 self._reading = ReadbackPass(self._state, self._composer)
                 reported = self._gl.error
@@ -280,7 +280,7 @@ class Renderer:
 
     def _pool_of(self, camera: StereoCamera) -> TargetPool:
         """Return the targets of a camera's image size; the targets of the latest sizes are cached."""
-        size, cached = (camera.width_px, camera.height_px), self._targets
+        size, cached = (camera.width_px, camera.height_px), self._pools
         cached[size] = cached.pop(size) if size in cached else TargetPool(self._state, size)
         if len(cached) > _MOST_SIZES:
             # moderngl binds the framebuffer in use again after it makes a new one, so release none that is in use.

@@ -50,11 +50,12 @@ class SceneSampler:
         recipe: str | None = None,
         wanted: Histogram | None = None,
     ) -> None:
-        self.config, self.seed, self.library, self.patches, self.recipe = config, seed, library, patches, recipe
+        self.config, self.seed, self.patches, self.recipe = config, seed, patches, recipe
         self.catalogue = make_catalogue(library)
         self.models = self.catalogue.models  # `Scene.model` indexes them: the surface models, then the library's
         self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self.catalogue, wanted)
         self.mapping = PatchMapping(config.textures, patches)
+        self.particle_models = len(SURFACE_MODELS) + library.sampled
         self.chances = np.cumsum(library.chances)
         self._latest: SceneSequence | None = None
 
@@ -166,7 +167,7 @@ class SceneSequence:
     def _models(self, generation: Ints, slot: Ints) -> Ints:
         """Return, for N slots and generations, the index of the model into the sampler's models: (N,)."""
         sampler, chance = self.sampler, self._per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
-        return len(SURFACE_MODELS) + sampler.library.drawn[choose(sampler.chances, chance)]
+        return sampler.particle_models[choose(sampler.chances, chance)]
 
     def _generator(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
         redone = (_REDONE, self.attempt) if self.attempt else ()

@@ -55,7 +55,7 @@ class StaticScene:
 
 def make_catalogue(library: ModelLibrary) -> Catalogue:
     """Return the catalogue of the surface models and a library's models."""
-    chosen = library.drawn[library.chances > 0]
+    chosen = library.sampled[library.chances > 0]
     names = np.array([library.models[number].name for number in chosen])
     by_name = {str(name): len(SURFACE_MODELS) + chosen[names == name] for name in np.unique(names)}
     models = (*SURFACE_MODELS, *library.models)

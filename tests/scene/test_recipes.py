@@ -180,10 +180,10 @@ def test_a_dataset_has_one_library():
     alone = build_library(config.models, config.particles, Split(3))
     assert solids.models == plain.models == walls.models  # the same objects, since meshes have no equality of values
     assert sorted(mesh.name for mesh in plain.models) == sorted(mesh.name for mesh in alone.models)
-    assert [plain.models[number].name for number in plain.drawn] == [mesh.name for mesh in alone.models]
+    assert [plain.models[number].name for number in plain.sampled] == [mesh.name for mesh in alone.models]
     np.testing.assert_array_equal(plain.chances, alone.chances)
     assert plain.silhouette.fill == alone.silhouette.fill > walls.silhouette.fill
-    drawn = {solids.models[number].name for number in solids.drawn}
+    drawn = {solids.models[number].name for number in solids.sampled}
     assert "cube" in drawn
     assert "pyramid" not in drawn
 
