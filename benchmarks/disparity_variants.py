@@ -16,7 +16,7 @@ from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.instance_transforms import TransformComposer
-from semisynth_gl.render.model_buffers import ModelBuffers, refill
+from semisynth_gl.render.model_buffers import SceneBuffers, refill
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.targets import EyeTargets
@@ -80,7 +80,7 @@ class DisparityVariants:
         self._constants = ConstantsBuffer(self._gl)
         self._camera_64 = self._gl.buffer(reserve=CAMERA_64.itemsize)
         self._composer = TransformComposer(models)
-        self._models = ModelBuffers(self._gl, models, np.array([_ANY_PATCH]), traced=True)
+        self._models = SceneBuffers(self._gl, models, np.array([_ANY_PATCH]), traced=True)
         self._poses = self._gl.buffer(reserve=1)
         self._targets: EyeTargets | None = None
         self._depth_m: EyeTargets | None = None
@@ -204,7 +204,7 @@ class DisparityVariants:
             outgrown = self._depth_only.pop(bits, None)
             buffer = self._gl.depth_renderbuffer(size)  # 24 bits
             if bits == 32:
-                self._context.unbound.make_depth_float32(buffer.glo, *size)
+                self._context.functions.make_depth_float32(buffer.glo, *size)
             self._depth_only[bits] = buffer, self._gl.framebuffer([], buffer)
             self._depth_only[bits][1].use()
             for resource in reversed(outgrown or ()):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage.data import data_dir
 
-from semisynth_gl import PairRenderer, Renderer, StereoCamera, View, load_config, make_scene, render_pair
+from semisynth_gl import PairRenderer, Renderer, StereoCamera, ViewArrays, load_config, make_scene, render_pair
 from semisynth_gl.config.load import summaries
 from semisynth_gl.config.rig_sections import ImperfectionsSection
 from semisynth_gl.frame.channels import CHANNELS, OUTPUTS, Channel
@@ -23,7 +23,7 @@ from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 
 Floats = NDArray[np.floating]
-Picture = NDArray[np.uint8]
+PaintedPicture = NDArray[np.uint8]
 
 # The one config that cannot do without photographs gets those of a Middlebury scene, which scikit-image ships.
 TARGET = [f"textures.images=[{Path(data_dir) / 'motorcycle_left.png'}, {Path(data_dir) / 'motorcycle_right.png'}]"]
@@ -58,7 +58,7 @@ MOVING = [
 MODEL_PX, SAMPLES, DISTANCE_M = 180, 3, 6.0
 
 
-def save(picture: Picture | Floats, path: Path, width: int) -> None:
+def save(picture: PaintedPicture | Floats, path: Path, width: int) -> None:
     """Write a picture, uint8 or 0 to 1, at most ``width`` pixels wide."""
     if picture.dtype != np.uint8:
         picture = np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8)
@@ -83,7 +83,7 @@ def colours(values: Floats, name: str, low: float, high: float) -> Floats:
     return shown
 
 
-def beside(*pictures: Picture | Floats) -> Floats:
+def beside(*pictures: PaintedPicture | Floats) -> Floats:
     """Put pictures of one height beside each other, with a white gap."""
     parts = [picture / 255 if picture.dtype == np.uint8 else picture for picture in pictures]
     gap = np.ones((parts[0].shape[0], parts[0].shape[1] // 60, 3))
@@ -169,7 +169,7 @@ def quantile_colours(name: str) -> Callable[[Floats], Floats]:
 
 
 # How a channel is shown. A channel that is missing here has no picture: an error.
-SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | Picture]] = {
+SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | PaintedPicture]] = {
     "image": lambda image: image,
     "disparity": quantile_colours("inferno"),
     "visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
@@ -192,7 +192,7 @@ SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | Picture]] = {
 def draw_outputs(folder: Path) -> Iterator[str]:
     """Draw each channel of one left view."""
     with PairRenderer(load_config("sceneflow", MOVING), seed=0) as pairs:
-        view: View = pairs.render(13).frame.left
+        view: ViewArrays = pairs.render(13).frame.left
     for name, channel in CHANNELS.items():
         save(SHOWN[name](view[name]), folder / "outputs" / f"{name}.jpg", 480)
         yield figure(name, caption(channel), f"outputs/{name}.jpg")

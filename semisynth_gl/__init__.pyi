@@ -11,7 +11,7 @@ from .dataset.reader import open_dataset as open_dataset
 from .dataset.sample import StoredFrame as StoredFrame
 from .frame.camera import Crop as Crop
 from .frame.camera import StereoCamera as StereoCamera
-from .frame.channels import View as View
+from .frame.channels import ViewArrays as ViewArrays
 from .frame.frame import Frame as Frame
 from .geometry.mesh import Mesh as Mesh
 from .geometry.mesh import make_mesh as make_mesh

@@ -31,7 +31,7 @@ _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
 
 
-class Entry(NamedTuple):
+class CacheEntry(NamedTuple):
     """The content of an entry: values in JSON's types, and arrays of numbers or bool by any name but "values"."""
 
     values: dict[str, Any]
@@ -44,8 +44,8 @@ def cached(
     *,
     work: str | None = None,
     build: Callable[[], _Result],
-    pack: Callable[[_Result], Entry],
-    unpack: Callable[[Entry], _Result],
+    pack: Callable[[_Result], CacheEntry],
+    unpack: Callable[[CacheEntry], _Result],
 ) -> _Result:
     """Return a result from the cache, or build it and put it into the cache; errors of ``build`` are passed on.
 
@@ -68,7 +68,7 @@ def cached(
         # There may be no entry, or a damaged one, which may fail in any way.
         with suppress(Exception), np.load(path, allow_pickle=False) as file:
             arrays = dict(file)
-            return unpack(Entry(json.loads(arrays.pop("values").tobytes()), arrays))
+            return unpack(CacheEntry(json.loads(arrays.pop("values").tobytes()), arrays))
     if work is not None:
         _LOG.info(work)
     result = build()
@@ -98,7 +98,7 @@ def cache_folder() -> Path | None:
     return None
 
 
-def _write_entry(path: Path, entry: Entry) -> None:
+def _write_entry(path: Path, entry: CacheEntry) -> None:
     """Write an entry, then remove the oldest entries beyond `LIMIT_BYTES`."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     content: Any = entry.arrays | {"values": np.frombuffer(json.dumps(entry.values).encode(), np.uint8)}

@@ -13,12 +13,12 @@ import numpy as np
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene import Floats, Ints
-from semisynth_gl.scene.raycast import Hits, vertices_in_view
+from semisynth_gl.scene.raycast import RayHits, vertices_in_view
 from semisynth_gl.scene.scene import Motion, Scene
 
 
 def correspondence_px(
-    camera: StereoCamera, eye: Eye, x_px: Floats, y_px: Floats, hits: Hits, *, signed: bool = False
+    camera: StereoCamera, eye: Eye, x_px: Floats, y_px: Floats, hits: RayHits, *, signed: bool = False
 ) -> Floats:
     """Return the displacement from each ray's pixel position to the position at which the other eye would see the hit.
 
@@ -44,7 +44,7 @@ def flow(
     eye: Eye,
     x_px: Floats,
     y_px: Floats,
-    hits: Hits,
+    hits: RayHits,
     *,
     signed: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
@@ -93,7 +93,7 @@ def flow(
     )
 
 
-def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> Floats:
+def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: RayHits) -> Floats:
     """Return the normals of the triangles that one eye's rays hit, towards this eye.
 
     Returns:
@@ -107,7 +107,9 @@ def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> Float
     return result
 
 
-def _triangles_hit(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> Iterator[tuple[Ints, Floats, Floats]]:
+def _triangles_hit(
+    scene: Scene, models: Sequence[Mesh], eye: Eye, hits: RayHits
+) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Yield, for each instance, the numbers (N,) of its hits, and the triangles' corners (N, 3, 3) and normals (N, 3).
 
     Corners and normals are in the eye's frame. Normals are not unit vectors.
@@ -119,7 +121,9 @@ def _triangles_hit(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -
         yield hit, corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def depth_on_planes(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats, hits: Hits) -> Floats:
+def depth_on_planes(
+    scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats, hits: RayHits
+) -> Floats:
     """Return the depths, at R pixel positions, of the planes of the triangles that ``hits`` have.
 
     With hits of rays nearby, the depths show on which surface a pixel close to an edge lies.

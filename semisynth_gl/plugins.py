@@ -37,7 +37,7 @@ BUILT_IN: Mapping[Group, tuple[str, ...]] = {
 """The names of the program's own, which no plug-in may have."""
 
 
-class Package(TypedDict):
+class PluginPackage(TypedDict):
     """Name and version of a plug-in's package."""
 
     package: str
@@ -50,7 +50,7 @@ class Plugin:
 
     name: str
     value: Any
-    record: Package
+    record: PluginPackage
     module: str
 
 
@@ -67,7 +67,7 @@ def installed_plugins() -> Mapping[Group, Mapping[str, Plugin]]:
     found: dict[Group, dict[str, Plugin]] = {group: {} for group in NOUNS}
     for entry in entry_points(group="semisynth_gl.plugins"):
         package = cast("Distribution", entry.dist)
-        record: Package = {"package": package.name, "version": package.version}
+        record: PluginPackage = {"package": package.name, "version": package.version}
         for group, values in entry.load().items():
             for name, value in values.items():
                 if name in BUILT_IN[group] or name in found[group]:
@@ -97,15 +97,15 @@ def find_plugin(group: Group, name: str) -> Plugin:
     raise InputError(f"{NOUNS[group]}: {expected}, got {shown(name)}; {hint}".removesuffix("; "))
 
 
-def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, Package]]:
+def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, PluginPackage]]:
     """Return the records of the plug-ins that a dataset uses, by group and name; raises as `find_plugin` does."""
-    records: dict[str, dict[str, Package]] = {}
+    records: dict[str, dict[str, PluginPackage]] = {}
     for group, name in sorted(used, key=lambda each: ([*NOUNS].index(each[0]), each[1])):
         records.setdefault(group, {})[name] = find_plugin(group, name).record
     return records
 
 
-def require_plugins(where: object, group: Group, records: Mapping[str, Package]) -> None:
+def require_plugins(where: object, group: Group, records: Mapping[str, PluginPackage]) -> None:
     """Check that the plug-ins of a dataset's records, of one group, are installed in the recorded versions.
 
     Raises InputError, which begins with ``where`` and names the package, where one is not.

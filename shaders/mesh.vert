@@ -17,7 +17,7 @@ layout(location = 8) in int sky;               // 1 if the instance is infinitel
 out vec2 patch_coordinate;
 flat out int patch_layer;
 flat out int scene_instance;
-flat out int scene_triangle;  // the last corner and the triangle have the same number, see ModelBuffers
+flat out int scene_triangle;  // the last corner and the triangle have the same number, see SceneBuffers
 out vec3 point;               // in view
 
 // Several programs draw the same triangles, and must write the same depths.

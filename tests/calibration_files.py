@@ -3,8 +3,8 @@
 import numpy as np
 
 from semisynth_gl.calibration.draft import describe
-from semisynth_gl.calibration.rig import Rig
-from semisynth_gl.calibration.sizes import Size
+from semisynth_gl.calibration.rig import RectifiedRig
+from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import rotation_of
 
@@ -106,9 +106,9 @@ def matrix(name, value, *, space=" "):
 
 def plain_rig(focal_px, baseline_m, width_px, height_px):
     """A rig with central principal points."""
-    return Rig(StereoCamera.centred(width_px, height_px, focal_px, baseline_m), "x")
+    return RectifiedRig(StereoCamera.centred(width_px, height_px, focal_px, baseline_m), "x")
 
 
 def draft(rig, disparity):
     """The draft of a config with one photograph."""
-    return describe("x", rig, ["a"], disparity, [Size(256, 256)])
+    return describe("x", rig, ["a"], disparity, [ImageSize(256, 256)])

@@ -7,9 +7,9 @@ import numpy as np
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.dataset.sample import assemble_frame, decode_file, encode_pair
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, SKY, VISIBLE, View
+from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, SKY, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.layouts import Key
+from semisynth_gl.layouts import PairKey
 
 CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)
 PAIRS = 7
@@ -46,7 +46,7 @@ def make_view(rng, index, side):
     channels["valid"] = rng.choice([VISIBLE, OUTSIDE], (height, width)).astype(np.uint8)
     channels["raw"] = rng.integers(0, 256, (*RAW, 3), np.uint8)
     channels["raw_map"] = rng.uniform(0, RAW[0], (height, width, 2)).astype(np.float32)
-    return View(channels)
+    return ViewArrays(channels)
 
 
 def mask_of(rng, ways):
@@ -100,7 +100,7 @@ def encode(*arguments, **options):
 
 
 def encoded(layout, index, split="train", frame=None, encodings=None, length=None):
-    key = Key("lab", split, index, length)
+    key = PairKey("lab", split, index, length)
     frame = make_frame(index) if frame is None else frame
     provenance = make_provenance(index) | {"split": split, "camera": frame.camera.values()}
     return encode_pair(layout, key, frame, provenance, 256, encodings or layout.encodings or Encodings())
@@ -108,7 +108,7 @@ def encoded(layout, index, split="train", frame=None, encodings=None, length=Non
 
 def decode(layout, index, files, split="train", encodings=None, length=None):
     encodings = encodings or layout.encodings or Encodings()
-    key = Key("lab", split, index, length)
+    key = PairKey("lab", split, index, length)
     roles = {path: role for role, path in layout.files(key, encodings).items()}
     values = {
         roles[path]: decode_file(layout, roles[path], data, Path(path), encodings) for path, data in files.items()

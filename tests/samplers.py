@@ -5,7 +5,7 @@ from functools import cache
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.floor_scene import Catalogue
+from semisynth_gl.scene.floor_scene import ModelCatalogue
 from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import StaticScene, make_catalogue, sample_static_scene
@@ -25,7 +25,7 @@ def sampler_of(config: Config, seed: int = 0, atlas_patches: tuple[Patch, ...] =
 
 
 @cache
-def catalogue() -> Catalogue:
+def catalogue() -> ModelCatalogue:
     """Build one model of each kind."""
     config = load_config("middlebury", ["models.variants=1"])
     return make_catalogue(build_library(config.models, config.particles, Split(0)))

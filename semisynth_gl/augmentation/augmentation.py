@@ -10,7 +10,7 @@ import numpy as np
 from semisynth_gl.augmentation.colour import mean_luminance, recoloured
 from semisynth_gl.augmentation.geometry import Warp, mirrored, occluded
 from semisynth_gl.frame.camera import EYES, Crop, Eye
-from semisynth_gl.frame.channels import CHANNELS, View
+from semisynth_gl.frame.channels import CHANNELS, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import CheckedFields, Interval
 from semisynth_gl.inputs.errors import InputError
@@ -90,7 +90,7 @@ class Augmentation(CheckedFields):
                 argument="scale",
             )
 
-    def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Changes":
+    def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "SequenceChanges":
         """Sample the changes of a sequence's pairs, from the split's seed, the sequence's number and the epoch.
 
         `check` must accept the size ``crop`` of the result, None for whole images, and ``sides``, that of the images.
@@ -110,7 +110,7 @@ class Augmentation(CheckedFields):
             for eye, of_eye in zip(EYES, tones, strict=True)
         }
         rectangles = self._rectangles(rng, size) if is_occluded else ()
-        return Changes(bool(is_mirrored), warp, crop, rectangles, colours)
+        return SequenceChanges(bool(is_mirrored), warp, crop, rectangles, colours)
 
     @property
     def _moves(self) -> bool:
@@ -149,7 +149,7 @@ class Augmentation(CheckedFields):
 
 
 @dataclass(frozen=True, slots=True)
-class Changes:
+class SequenceChanges:
     """The changes of a sequence's pairs, in the order in which they are made."""
 
     mirrored: bool
@@ -169,7 +169,7 @@ class Changes:
         Raises InputError, which names the change, where the pair lacks what a change needs.
         """
         kept = [name for name, channel in CHANNELS.items() if channel.is_truth or name == "image"]
-        frame = Frame(frame.camera, *(View({n: v[n] for n in kept if n in v}) for v in (frame.left, frame.right)))
+        frame = Frame(frame.camera, *(ViewArrays({n: v[n] for n in kept if n in v}) for v in (frame.left, frame.right)))
         if self.mirrored:
             frame = mirrored(frame)
         if self.size is not None:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageStat
 from scipy import ndimage
 
-from semisynth_gl.augmentation.resampling import Points, Positions
-from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Deviation, Eye, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, OCCLUDED, VISIBLE, View
+from semisynth_gl.augmentation.resampling import Positions, SamplePoints
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, CameraDeviation, Crop, Eye, StereoCamera
+from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, OCCLUDED, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 
@@ -43,7 +43,7 @@ def mirrored(frame: Frame) -> Frame:
         for name in arrays.keys() & {*_WAYS, "normals"}:
             across = arrays[name][..., 0]
             np.negative(across, out=across, where=np.isfinite(across))
-        views.append(View(arrays))
+        views.append(ViewArrays(arrays))
     seen = replace(camera, cx_left_px=last - camera.cx_right_px, cx_right_px=last - camera.cx_left_px)
     return Frame(seen, *views)
 
@@ -118,17 +118,17 @@ class Warp:
             image = view.image
             if moves and eye == "right":
                 image, at = movement.image(image), movement.source(x, y)
-            arrays = _truth(view, Points(*at, image.shape[:2]))
+            arrays = _truth(view, SamplePoints(*at, image.shape[:2]))
             if moves and arrays:
                 arrays |= movement.truth(eye, arrays, x, y)
             for names, factor in ((_ACROSS, scale[0]), (_WAYS, scale)):
                 for name in arrays.keys() & names:
                     arrays[name] *= factor
-            views.append(View({"image": self._resized(image, size)} | arrays))
+            views.append(ViewArrays({"image": self._resized(image, size)} | arrays))
         inner = Crop(margin, margin, frame.camera.width_px - 2 * margin, frame.camera.height_px - 2 * margin)
         camera = frame.camera.cropped(inner).scaled(self.scale_x, self.scale_y, size)
         if moves:
-            camera = replace(camera, deviation=Deviation(self.right_roll_rad, 0.0, self.right_y_px))
+            camera = replace(camera, deviation=CameraDeviation(self.right_roll_rad, 0.0, self.right_y_px))
         return Frame(camera, *views)
 
     def _resized(self, image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
@@ -139,7 +139,7 @@ class Warp:
         return np.array(Image.fromarray(image).resize((width, height), Image.Resampling.BILINEAR, box))
 
 
-def _truth(view: View, points: Points) -> dict[str, NDArray[Any]]:
+def _truth(view: ViewArrays, points: SamplePoints) -> dict[str, NDArray[Any]]:
     """Return all arrays of a view but its image at other points."""
     arrays: dict[str, NDArray[Any]] = {}
     for name in view.keys() - {"image"}:

@@ -17,7 +17,7 @@ Floats = NDArray[np.float32]
 Positions = NDArray[np.floating[Any]]
 
 
-class Points:
+class SamplePoints:
     """Points between the pixels of an image of some height and width, or up to half a pixel beyond it.
 
     Columns are (H, W) or (1, W), rows are (H, W) or (H, 1).

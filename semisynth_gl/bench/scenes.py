@@ -17,7 +17,7 @@ from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import Scene
-from semisynth_gl.scene.sources import Sources, prepare_sources
+from semisynth_gl.scene.sources import SceneSources, prepare_sources
 from semisynth_gl.seeds.splits import Split
 
 # The rasteriser rounds vertices to 1/256 px, so it may draw the adjacent triangle at pixels that are nearer to an edge.
@@ -29,7 +29,7 @@ class BenchScenes:
     """The scenes of a config's first pairs, with their models and the sources of their patches."""
 
     config: Config
-    sources: Sources
+    sources: SceneSources
     models: Sequence[Mesh]
     scenes: Sequence[Scene]
 

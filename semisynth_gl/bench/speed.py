@@ -13,7 +13,7 @@ from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.engines import THREADS, LocalEngine, cores, keep_freed_memory, threads_each
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.make import Job, encode, open_renderer, write_shard
+from semisynth_gl.dataset.make import DatasetJob, encode, open_renderer, write_shard
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
@@ -105,7 +105,7 @@ def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tup
     """Return `Renderer.facts`, and the seconds of each stage of all pairs; the stages do not overlap."""
     keep_freed_memory()
     with tempfile.TemporaryDirectory() as scratch:
-        job = Job(make_plan(config, seed, _LAYOUT, {"train": 1 + pairs}, 1), scratch, backend)
+        job = DatasetJob(make_plan(config, seed, _LAYOUT, {"train": 1 + pairs}, 1), scratch, backend)
         with open_renderer(job, "train") as renderer:
             for shard in job.plan.shards:
                 # The first pair makes the buffers and compiles the shaders.

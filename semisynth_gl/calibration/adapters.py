@@ -6,21 +6,21 @@ import numpy as np
 
 from semisynth_gl.calibration.named_arrays import camera_matrix, is_rotation
 from semisynth_gl.calibration.poses import pose_of
-from semisynth_gl.calibration.sizes import Size
+from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.calibration.tree import Array, FormatError, Tree
 from semisynth_gl.frame.raw_camera import rotation_of
 from semisynth_gl.inputs.errors import abbreviate, shown
 
 # Image sizes of ZED's modes.
 _ZED_SIZES = {
-    "4K": Size(3840, 2160),
-    "QHDPLUS": Size(3200, 1800),
-    "2K": Size(2208, 1242),
-    "FHD": Size(1920, 1080),
-    "FHD1200": Size(1920, 1200),
-    "HD": Size(1280, 720),
-    "SVGA": Size(960, 600),
-    "VGA": Size(672, 376),
+    "4K": ImageSize(3840, 2160),
+    "QHDPLUS": ImageSize(3200, 1800),
+    "2K": ImageSize(2208, 1242),
+    "FHD": ImageSize(1920, 1080),
+    "FHD1200": ImageSize(1920, 1200),
+    "HD": ImageSize(1280, 720),
+    "SVGA": ImageSize(960, 600),
+    "VGA": ImageSize(672, 376),
 }
 # DepthAI's camera types: the lens model, and its number of coefficients; files have 14 for each lens.
 _DEPTHAI_LENSES = {0: ("radtan", 14), 1: ("fisheye", 4)}
@@ -30,14 +30,14 @@ RenamedTree = tuple[Tree, tuple[str, str] | None]
 """Renamed values, lengths in metres; and labels of the left and right camera, None if the file has only two cameras."""
 
 
-def middlebury(tree: Tree, _size: Size | None) -> RenamedTree | None:
+def middlebury(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     """Read calib.txt of Middlebury and ETH3D: cam0, cam1, and the baseline in mm."""
     if not tree.keys() >= {("cam0",), ("cam1",), ("baseline",)}:
         return None
     return tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)}, None
 
 
-def zed(tree: Tree, size: Size | None) -> RenamedTree | None:
+def zed(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
     """Read ZED's SN*.conf: cameras for each mode, the translation in mm, and a rotation vector."""
     if ("STEREO", "Baseline") not in tree:
         return None
@@ -52,18 +52,18 @@ def zed(tree: Tree, size: Size | None) -> RenamedTree | None:
     return made, None
 
 
-def realsense(tree: Tree, size: Size | None) -> RenamedTree | None:
+def realsense(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
     """Read the calibration that RealSense's viewer saves: rectified cameras for each size, the baseline in mm."""
     numbers = [name[1] for name in tree if name[0] == "rectified" and name[-1] == "fx"]
     if not numbers or ("baseline",) not in tree:
         return None
-    sizes = {n: Size(*(int(_number(tree, "rectified", n, side)) for side in ("width", "height"))) for n in numbers}
+    sizes = {n: ImageSize(*(int(_number(tree, "rectified", n, side)) for side in ("width", "height"))) for n in numbers}
     number = _chosen({n: own for n, own in sizes.items() if min(own) > 0}, size)
     made = {name[2:]: value for name, value in tree.items() if name[:2] == ("rectified", number)}
     return made | {("baseline",): np.array(abs(_number(tree, "baseline")) / 1000)}, None
 
 
-def mrcal(tree: Tree, _size: Size | None) -> RenamedTree | None:
+def mrcal(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     """Read .cameramodel files of mrcal: K and D in one list, and the camera's pose as rotation and translation."""
     made = dict(tree)
     for name in (name[:-1] for name in tree if name[-1] == "lensmodel"):
@@ -76,7 +76,7 @@ def mrcal(tree: Tree, _size: Size | None) -> RenamedTree | None:
     return (made, None) if len(made) > len(tree) else None
 
 
-def depthai(tree: Tree, _size: Size | None) -> RenamedTree | None:
+def depthai(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     """Read what DepthAI's eepromToJsonFile writes about an OAK: cameras by socket, linked by poses in cm."""
     made: Tree = {}
     cameras = dict.fromkeys(name[:2] for name in tree if name[0] == "cameraData" and len(name) > 2)
@@ -101,7 +101,7 @@ def depthai(tree: Tree, _size: Size | None) -> RenamedTree | None:
     return made, (str(left), str(right))
 
 
-def kitti(tree: Tree, _size: Size | None) -> RenamedTree | None:
+def kitti(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     """Read KITTI's files: the colour cameras, or else the grey ones."""
     names = {name[-1] for name in tree}
     for pair in (("2", "3"), ("0", "1")):
@@ -110,12 +110,12 @@ def kitti(tree: Tree, _size: Size | None) -> RenamedTree | None:
     return None
 
 
-Adapter = Callable[[Tree, Size | None], RenamedTree | None]
+Adapter = Callable[[Tree, ImageSize | None], RenamedTree | None]
 ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti)
 """Each returns None for other formats. The size is None unless the user gave one or the photographs have one."""
 
 
-def _chosen(sizes: Mapping[str, Size], size: Size | None) -> str:
+def _chosen(sizes: Mapping[str, ImageSize], size: ImageSize | None) -> str:
     """Return the mode whose images have this size, or without a size the only mode; raises FormatError if none fits."""
     fitting = [mode for mode, own in sizes.items() if own == size or (size is None and len(sizes) == 1)]
     if fitting:

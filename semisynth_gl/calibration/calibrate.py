@@ -7,9 +7,9 @@ from typing import Any
 
 from semisynth_gl.calibration.disparity_range import disparity_range
 from semisynth_gl.calibration.draft import ConfigDraft, describe
-from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.calibration.rig import RectifiedRig
 from semisynth_gl.calibration.rig_files import read_rig
-from semisynth_gl.calibration.sizes import Size, check_sizes, most_common_size, photograph_sizes
+from semisynth_gl.calibration.sizes import ImageSize, check_sizes, most_common_size, photograph_sizes
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import StereoCamera
@@ -102,7 +102,7 @@ def calibrate(
     for argument, pair in {"size": size, "range_px": range_px, "range_m": range_m, "cameras": cameras}.items():
         if pair is not None and len(pair) != 2:
             raise InputError(f"expected two, got {shown(pair)}", argument=argument)
-    wanted = None if size is None else Size(*(to_whole("size", side, least=1) for side in size))
+    wanted = None if size is None else ImageSize(*(to_whole("size", side, least=1) for side in size))
     ranges = {"range_px": range_px, "range_m": range_m, "disparity": disparity or None}
     given = [argument for argument, value in ranges.items() if value is not None]
     if len(given) > 1:
@@ -144,8 +144,8 @@ def calibrate(
 
 
 def _rig(
-    files: Sequence[str], numbers: Mapping[str, Any], photographed: Size | None, about_files: Mapping[str, Any]
-) -> Rig:
+    files: Sequence[str], numbers: Mapping[str, Any], photographed: ImageSize | None, about_files: Mapping[str, Any]
+) -> RectifiedRig:
     """Return the rig from calibration files, or else from ``numbers``: focal length, baseline and size."""
     needless = {key: value for key, value in numbers.items() if key != "size"} if files else about_files
     for argument, value in needless.items():
@@ -159,7 +159,7 @@ def _rig(
             raise InputError("missing: give a calibration, or focal length, baseline and size", argument=argument)
     width_px, height_px = numbers["size"]
     camera = StereoCamera.centred(width_px, height_px, numbers["focal_px"], numbers["baseline_m"])
-    return Rig(camera, "the focal length, baseline and size given")
+    return RectifiedRig(camera, "the focal length, baseline and size given")
 
 
 def _summary(draft: ConfigDraft, config: Config, photographs: str) -> list[str]:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.calibration.rig import Rig
-from semisynth_gl.calibration.sizes import Size
+from semisynth_gl.calibration.rig import RectifiedRig
+from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.histogram import Histogram, count_pixels
@@ -44,7 +44,7 @@ class DisparityRange:
 
 
 def disparity_range(
-    rig: Rig,
+    rig: RectifiedRig,
     maps: Sequence[Path] = (),
     *,
     png_scale: float = KITTI_DISPARITY.steps,
@@ -74,7 +74,7 @@ def disparity_range(
     return chosen_range(focal_baseline / far_m - doffs_px, focal_baseline / near_m - doffs_px, doffs_px)
 
 
-def measure_maps(paths: Sequence[Path], size: Size, png_scale: float = KITTI_DISPARITY.steps) -> Histogram:
+def measure_maps(paths: Sequence[Path], size: ImageSize, png_scale: float = KITTI_DISPARITY.steps) -> Histogram:
     """Measure the positive disparities of one or more maps, in fine bins, px in images of ``size``.
 
     Each map has the same weight. If a map has a different size, its disparities are multiplied by the ratio of the
@@ -84,7 +84,7 @@ def measure_maps(paths: Sequence[Path], size: Size, png_scale: float = KITTI_DIS
     shares = np.zeros(len(edges) - 1)
     for path in paths:
         disparity = read_map(path, png_scale)
-        own = Size(*disparity.shape[::-1])
+        own = ImageSize(*disparity.shape[::-1])
         largest = np.max(disparity, initial=-np.inf, where=np.isfinite(disparity))
         ratio = own.height_px / own.width_px * size.width_px / size.height_px
         if not (-np.inf < largest <= own.width_px and 1 / _MOST_RATIO <= ratio <= _MOST_RATIO):

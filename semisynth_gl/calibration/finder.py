@@ -20,7 +20,7 @@ from semisynth_gl.calibration.named_arrays import (
     words_of,
 )
 from semisynth_gl.calibration.poses import RelativePose, pose_of, relative_pose, right_from_left
-from semisynth_gl.calibration.sizes import Size, upright
+from semisynth_gl.calibration.sizes import ImageSize, upright
 from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel
 
@@ -54,7 +54,7 @@ _OTHER_MODELS = (
 )
 _MOST_SKEW = 1e-4
 
-Pair = tuple[Array, Array]
+ArrayPair = tuple[Array, Array]
 """An array of the left eye, and one of the right eye."""
 
 
@@ -82,11 +82,11 @@ class StereoArrays:
         FormatError: if there are more than two cameras, or values contradict each other.
     """
 
-    d: Pair | None = None
+    d: ArrayPair | None = None
     model: LensModel | None = None
 
     def __init__(
-        self, tree: Tree, source: str, cameras: tuple[str, str] | None, unit: str | None, size: Size | None
+        self, tree: Tree, source: str, cameras: tuple[str, str] | None, unit: str | None, size: ImageSize | None
     ) -> None:
         self.source = source
         self.notes: list[str] = []
@@ -138,7 +138,7 @@ class StereoArrays:
         found = [each for each in reversed(self._found.get(key, [])) if not (raw and each.has("rect"))]
         return {label_of(each.name, self._cameras, rotation=key == "R"): each for each in found}
 
-    def _eyes(self, key: str) -> Pair | None:
+    def _eyes(self, key: str) -> ArrayPair | None:
         """Return two arrays of a kind, left and right, or None. A single K or D without an eye is used for both."""
         found = self._of(key)
         numbered = sorted((label for label in found if label.isdigit()), key=int)
@@ -200,7 +200,7 @@ class StereoArrays:
 
     # --- projections of rectified images ---
 
-    def _p_from_right(self) -> Pair | None:
+    def _p_from_right(self) -> ArrayPair | None:
         """Derive both projections from the right P, if it is the only one; the left P has zeros in the last column."""
         found = self._found.get("P", ())
         left = "left" if self._cameras is None else self._cameras[0]
@@ -263,7 +263,7 @@ class StereoArrays:
             raise FormatError("expected lenses of one model, got radial-tangential and fisheye lenses")
         return next(iter(models), None)
 
-    def _find_lenses(self, size: Size | None, raw_size: Size | None) -> None:
+    def _find_lenses(self, size: ImageSize | None, raw_size: ImageSize | None) -> None:
         """Set the coefficients of both lenses and their model; raises FormatError if they cannot be used."""
         if self.k is None:
             return
@@ -288,15 +288,15 @@ class StereoArrays:
         left, right = (_coefficients(own, model, k) for own, k in zip(d, self.k, strict=True))
         self.d, self.model = (left, right), model
 
-    def _sizes(self) -> tuple[Size | None, Size | None]:
+    def _sizes(self) -> tuple[ImageSize | None, ImageSize | None]:
         """Return the size of the images (with P, of rectified images) and the size of raw images; None if unknown."""
-        rectified, raw = dict[Size, None](), dict[Size, None]()  # used as ordered sets
+        rectified, raw = dict[ImageSize, None](), dict[ImageSize, None]()  # used as ordered sets
         for named in self._found.get("size", ()):
             width, height = named.value.tolist()
             if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
                 raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
             if width and height:  # 0 x 0 is OpenCV's unknown size
-                size = upright(Size(int(width), int(height)), [*(self.k or ()), *(self.p or ())])
+                size = upright(ImageSize(int(width), int(height)), [*(self.k or ()), *(self.p or ())])
                 (rectified if named.has("rect") else raw)[size] = None
         known = [*((rectified or raw) if self.p is not None else (raw or rectified))]
         if len(known) > 1:
@@ -322,7 +322,7 @@ def _unlikeliness(found: tuple[NamedArray, str, Array]) -> tuple[bool, bool, int
     return is_derived if kind in "KD" else not is_derived, is_rotation_vector, len(named.name)
 
 
-def projections(left: Array, right: Array, baseline: float) -> Pair:
+def projections(left: Array, right: Array, baseline: float) -> ArrayPair:
     """Return P (3, 4) of both rectified cameras from K (3, 3) of each and their distance."""
     shift = np.array([[-right[0, 0] * baseline], [0], [0]])
     return np.hstack([left, np.zeros((3, 1))]), np.hstack([right, shift])

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from semisynth_gl.calibration.finder import Pair, StereoArrays, projections
+from semisynth_gl.calibration.finder import ArrayPair, StereoArrays, projections
 from semisynth_gl.calibration.named_arrays import camera_matrix
-from semisynth_gl.calibration.sizes import Size
+from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.calibration.tree import Array
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera
@@ -26,7 +26,7 @@ _WIDEST_FISHEYE = math.tan(math.radians(50))
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class RectifiedRig:
     """A rectified rig.
 
     Attributes:
@@ -42,11 +42,11 @@ class Rig:
     notes: tuple[str, ...] = ()
 
     @property
-    def size(self) -> Size:
+    def size(self) -> ImageSize:
         """Size of the images."""
-        return Size(self.camera.width_px, self.camera.height_px)
+        return ImageSize(self.camera.width_px, self.camera.height_px)
 
-    def scaled(self, scale: float) -> "Rig":
+    def scaled(self, scale: float) -> "RectifiedRig":
         """Return the rig of images whose sides are multiplied by ``scale``: reduced below 1, enlarged above."""
         width_px, height_px = self.size.scaled(scale)
         camera = self.camera.scaled(scale, scale, (height_px, width_px))
@@ -54,7 +54,7 @@ class Rig:
         return replace(self, camera=camera, raw=raw)
 
 
-def make_rig(arrays: StereoArrays, size: Size, alpha: float | None = None) -> Rig:
+def make_rig(arrays: StereoArrays, size: ImageSize, alpha: float | None = None) -> RectifiedRig:
     """Return the rig of a calibration for images of ``size``: from P1 and P2, or else by OpenCV's stereoRectify.
 
     ``alpha`` is passed to stereoRectify; for a fisheye, it is passed as ``balance``. 0 crops all borders, 1 keeps as
@@ -83,10 +83,10 @@ def make_rig(arrays: StereoArrays, size: Size, alpha: float | None = None) -> Ri
         for index, eye in enumerate(EYES):
             raw[eye] = RawCamera.from_record(record | {"K": k[index], "D": d[index], "R": rectification[index]})
     is_rectified = all(each.is_pinhole(camera, eye) for eye, each in raw.items())
-    return Rig(camera, source, None if is_rectified else raw, tuple(arrays.notes))
+    return RectifiedRig(camera, source, None if is_rectified else raw, tuple(arrays.notes))
 
 
-def _stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> tuple[Pair, Pair]:
+def _stereo_rectify(arrays: StereoArrays, size: ImageSize, alpha: float | None) -> tuple[ArrayPair, ArrayPair]:
     """Compute (P1, P2) and (R1, R2) from K, D, R and T by OpenCV's stereoRectify."""
     k, d, pose = arrays.k, arrays.d, arrays.pose
     if k is None or d is None or pose is None:

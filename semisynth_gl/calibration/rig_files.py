@@ -5,8 +5,8 @@ from pathlib import Path
 
 from semisynth_gl.calibration.adapters import ADAPTERS, Adapter
 from semisynth_gl.calibration.finder import UNITS, StereoArrays, sizes_in
-from semisynth_gl.calibration.rig import Rig, make_rig
-from semisynth_gl.calibration.sizes import Size
+from semisynth_gl.calibration.rig import RectifiedRig, make_rig
+from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Name, Tree, joined, listing, read_tree
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.arguments import check_one_of
@@ -23,13 +23,13 @@ _NAMES: Mapping[str, Name] = {
 def read_rig(
     sources: Sequence[str | Path],
     *,
-    size: Size | None = None,
-    photographed: Size | None = None,
+    size: ImageSize | None = None,
+    photographed: ImageSize | None = None,
     unit: str | None = None,
     alpha: float | None = None,
     cameras: tuple[str, str] | None = None,
     calib_keys: Mapping[str, str] | None = None,
-) -> Rig:
+) -> RectifiedRig:
     """Read a rectified rig from the calibration files that the sources name.
 
     If one of several files describes the whole rig, only that file is used. Otherwise the files are joined: one file
@@ -66,7 +66,7 @@ def read_rig(
 
 
 def _by_names(
-    trees: Mapping[str, Tree], cameras: tuple[str, str] | None, unit: str | None, size: Size | None
+    trees: Mapping[str, Tree], cameras: tuple[str, str] | None, unit: str | None, size: ImageSize | None
 ) -> StereoArrays:
     """Return the arrays of the one file that describes a rig, or else of all files, joined by name or by number."""
     rigs = [found for source, tree in trees.items() if (found := _arrays(tree, source, cameras, unit, size))]
@@ -93,7 +93,9 @@ def _by_names(
     )
 
 
-def _by_keys(trees: Mapping[str, Tree], keys: Mapping[str, str], unit: str | None, size: Size | None) -> StereoArrays:
+def _by_keys(
+    trees: Mapping[str, Tree], keys: Mapping[str, str], unit: str | None, size: ImageSize | None
+) -> StereoArrays:
     """Return the arrays that ``keys`` select; also use the files' strings, and their sizes if no key selects one."""
     tree, source = _whole(trees), " and ".join(trees)
     values = {".".join(name): value for name, value in tree.items()}
@@ -129,7 +131,7 @@ def _arrays(
     source: str,
     cameras: tuple[str, str] | None,
     unit: str | None,
-    size: Size | None,
+    size: ImageSize | None,
     adapters: Sequence[Adapter] = ADAPTERS,
 ) -> StereoArrays | None:
     try:

@@ -15,7 +15,7 @@ _NEAR_CENTRE = 0.1
 _SIZES_SHOWN = 3
 
 
-class Size(NamedTuple):
+class ImageSize(NamedTuple):
     """Size of an image, pixels."""
 
     width_px: int
@@ -24,41 +24,41 @@ class Size(NamedTuple):
     def __str__(self) -> str:
         return f"{self.width_px} x {self.height_px}"
 
-    def scaled(self, scale: float) -> "Size":
+    def scaled(self, scale: float) -> "ImageSize":
         """Return the size times a factor, rounded to whole pixels."""
-        return Size(*(max(1, int(side * scale + 0.5)) for side in self))
+        return ImageSize(*(max(1, int(side * scale + 0.5)) for side in self))
 
 
-def upright(size: Size, matrices: Sequence[Array]) -> Size:
+def upright(size: ImageSize, matrices: Sequence[Array]) -> ImageSize:
     """Return the size, with width and height swapped if the principal points of K or P fit only the swapped size.
 
     They fit it if they are far from the centre of images of ``size``, and near the centre of swapped images.
     """
 
-    def distance(sides: Size) -> float:
+    def distance(sides: ImageSize) -> float:
         return max((float(abs(m[k, 2] / side - 0.5)) for m in matrices for k, side in enumerate(sides)), default=0.0)
 
-    swapped = Size(size.height_px, size.width_px)
+    swapped = ImageSize(size.height_px, size.width_px)
     far = distance(size)
     return swapped if far > _NEAR_CENTRE and distance(swapped) <= min(_NEAR_CENTRE, far / 2) else size
 
 
-def photograph_sizes(images: Sequence[Path]) -> list[Size]:
+def photograph_sizes(images: Sequence[Path]) -> list[ImageSize]:
     """Return the sizes in the headers of photographs; files that cannot be read are skipped."""
-    sizes = list[Size]()
+    sizes = list[ImageSize]()
     for path in images:
         with suppress(ImageError):
-            sizes.append(Size(*stored_size(path)[::-1]))
+            sizes.append(ImageSize(*stored_size(path)[::-1]))
     return sizes
 
 
-def most_common_size(photographs: Sequence[Size], scale: float = 1.0) -> Size | None:
+def most_common_size(photographs: Sequence[ImageSize], scale: float = 1.0) -> ImageSize | None:
     """Return the size, divided by ``scale``, that more than half of the photographs have; None if no size does."""
     usual = (size for size, count in Counter(photographs).items() if 2 * count > len(photographs))
     return next((size.scaled(1 / scale) for size in usual), None)
 
 
-def check_sizes(photographs: Sequence[Size], calibrated: Size, scale: float = 1.0) -> None:
+def check_sizes(photographs: Sequence[ImageSize], calibrated: ImageSize, scale: float = 1.0) -> None:
     """Raise InputError if there are photographs, but none has the calibrated size times ``scale``."""
     expected = calibrated.scaled(scale)
     if not photographs or expected in photographs:

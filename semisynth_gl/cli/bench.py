@@ -20,7 +20,7 @@ from semisynth_gl.cli.options import (
     options,
     set_option,
 )
-from semisynth_gl.cli.outputs import OutputFile, write_json
+from semisynth_gl.cli.outputs import OutputFileType, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config
 
@@ -37,7 +37,7 @@ def _bench_options(config: str) -> Callable[[Callback], Callback]:
         set_option(),
         option("--seed", type=SEED, default=0, help="Seed of the scenes; another seed makes other scenes."),
         backend_option(),
-        option("--json", "json_file", type=OutputFile(), help="Also write the full report to this JSON file."),
+        option("--json", "json_file", type=OutputFileType(), help="Also write the full report to this JSON file."),
     )
 
 

@@ -17,7 +17,7 @@ from semisynth_gl.cli.options import (
     option,
     split,
 )
-from semisynth_gl.cli.outputs import OutputFile
+from semisynth_gl.cli.outputs import OutputFileType
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import InputError
 
@@ -90,7 +90,7 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     help="Pairs to render and measure for each recipe, with each of two texture scales. With 0, which needs no "
     "OpenGL, all recipes get the same weight, and textures are as in the packaged configs.",
 )
-@option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML file to write.")
+@option("--out", type=OutputFileType(".yaml", ".yml"), required=True, help="YAML file to write.")
 @option("--overwrite", is_flag=True, help="Overwrite an existing --out: your changes in it are lost.")
 def calibrate(
     out: Path,

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from semisynth_gl.cli.options import Command, option
-from semisynth_gl.cli.outputs import OutputFile, table, write_json
+from semisynth_gl.cli.outputs import OutputFileType, table, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.judge.evaluate import evaluate as evaluate_predictions
@@ -41,7 +41,7 @@ _WORST = 10
     help="Benchmark whose definitions to use; by default, the benchmark in whose format --gt is.",
 )
 @option("--split", type=click.Choice(SPLITS), help="Evaluate only this split of --gt.")
-@option("--json", "json_file", type=OutputFile(), help="Also write the figures of every pair to this JSON file.")
+@option("--json", "json_file", type=OutputFileType(), help="Also write the figures of every pair to this JSON file.")
 @option("--maps", type=_PATH, help="Also write an error map of each pair into this folder.")
 def evaluate(
     predictions: Path,

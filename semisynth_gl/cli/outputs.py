@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 
-class OutputFile(click.Path):
+class OutputFileType(click.Path):
     """The type of a file to write; its folder has to exist, and its name to have one of the ``endings``, if any."""
 
     def __init__(self, *endings: str) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from semisynth_gl.cli.options import Command, option, scene_config, scene_options
-from semisynth_gl.cli.outputs import OutputFile, table
+from semisynth_gl.cli.outputs import OutputFileType, table
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.histogram import total_variation, wasserstein_px
@@ -23,7 +23,7 @@ _FEWEST = 4
 
 @click.command(cls=Command)
 @scene_options
-@option("--out", type=OutputFile(".png"), default="preview.png", help="PNG file to write.")
+@option("--out", type=OutputFileType(".png"), default="preview.png", help="PNG file to write.")
 @option(
     "--patches",
     is_flag=True,

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from semisynth_gl.cli.options import COUNT, Command, images_option, map_options, option
-from semisynth_gl.cli.outputs import OutputFile, table, write_json
+from semisynth_gl.cli.outputs import OutputFileType, table, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
@@ -22,10 +22,10 @@ from semisynth_gl.inputs.errors import counted
 @map_options
 @option(
     "--out",
-    type=OutputFile(".html", ".htm"),
+    type=OutputFileType(".html", ".htm"),
     help="HTML file to write.  [default: the dataset's name and -report.html, in the current folder]",
 )
-@option("--json", "json_file", type=OutputFile(), help="Also write the measures to this JSON file.")
+@option("--json", "json_file", type=OutputFileType(), help="Also write the measures to this JSON file.")
 @option(
     "--pairs",
     type=click.IntRange(min=0, max=64),

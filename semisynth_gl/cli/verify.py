@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from semisynth_gl.cli.options import COUNT, NATURAL, Command, option
-from semisynth_gl.cli.outputs import OutputFile, write_json
+from semisynth_gl.cli.outputs import OutputFileType, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.judge.verify import RAYED_PAIRS, Verification
@@ -24,7 +24,7 @@ from semisynth_gl.judge.verify import verify as verify_dataset
 )
 @option("--oracle", is_flag=True, help="Compare all pairs with rays.")
 @option("--pixels", type=COUNT, default=500, help="Rays for each of these pairs.")
-@option("--json", "json_file", type=OutputFile(), help="Also write findings and measures to this JSON file.")
+@option("--json", "json_file", type=OutputFileType(), help="Also write findings and measures to this JSON file.")
 def verify(directory: str, json_file: Path | None, rays: int | None, pixels: int, *, oracle: bool) -> None:
     """Read a dataset back from its files, as a user's program would, and print its faults.
 

@@ -14,7 +14,7 @@ _KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class CalibContent:
     """The content of a calib.txt. ``doffs_px`` is the file's own value, which should agree with the camera's.
 
     ``ndisp`` is an upper bound of the disparities in whole pixels; ``vmin_px`` and ``vmax_px`` are the smallest and the
@@ -28,13 +28,13 @@ class Calibration:
     vmax_px: float
 
 
-class MiddleburyCalib(Codec[Calibration]):
+class MiddleburyCalib(Codec[CalibContent]):
     """Middlebury's calib.txt, with the baseline in millimetres."""
 
     name = "txt"
     description = "Middlebury's calib.txt"
 
-    def encode(self, value: Calibration) -> bytes:
+    def encode(self, value: CalibContent) -> bytes:
         """Encode a calibration, with the lines in Middlebury's order."""
         camera = value.camera
         fx, fy, cy = float(camera.focal_px), float(camera.focal_y_px), float(camera.cy_px)
@@ -44,7 +44,7 @@ class MiddleburyCalib(Codec[Calibration]):
         values = (*eyes, *map(repr, lengths), *sizes, 0, f"{value.vmin_px:g}", f"{value.vmax_px:g}", 0, 0)
         return "".join(f"{key}={text}\n" for key, text in zip(_KEYS, values, strict=True)).encode()
 
-    def decode(self, data: bytes, path: Path) -> Calibration:
+    def decode(self, data: bytes, path: Path) -> CalibContent:
         """Decode a calibration, with lines in any order; that the last number is cut off is not noticed."""
         values = calib_values(data.decode("utf-8", "replace"))
         try:
@@ -61,7 +61,7 @@ class MiddleburyCalib(Codec[Calibration]):
         for matrix in (left, right):
             if matrix != [fx, 0, matrix[2], 0, fy, cy, 0, 0, 1]:
                 raise ReadError(path, f"expected [fx 0 cx; 0 fy cy; 0 0 1], with fx, fy and cy of cam0, got {matrix}")
-        return Calibration(camera, number["doffs"], ndisp, number["vmin"], number["vmax"])
+        return CalibContent(camera, number["doffs"], ndisp, number["vmin"], number["vmax"])
 
 
 class KittiCalib(Codec[Any]):

@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
-from semisynth_gl.config.fields import NotNegative, Positive, Rule, Section, Share, one_of
+from semisynth_gl.config.fields import ConfigSection, NotNegative, Positive, Rule, Share, one_of
 from semisynth_gl.plugins import BUILT_IN
 from semisynth_gl.seeds.splits import Split, SplitName
 
@@ -14,7 +14,7 @@ LAYOUTS = BUILT_IN["layouts"]
 """The names of the built-in layouts."""
 
 
-class ChecksSection(Section):
+class ChecksSection(ConfigSection):
     """Conditions on each pair (in a sequence, on its first frame). A scene that fails is sampled again."""
 
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
@@ -27,7 +27,7 @@ class ChecksSection(Section):
     """number of attempts before the run fails"""
 
 
-class SequenceSection(Section):
+class SequenceSection(ConfigSection):
     """Successive frames of one moving scene."""
 
     length: Annotated[int, Field(ge=1, le=100_000)] = 1
@@ -36,7 +36,7 @@ class SequenceSection(Section):
     """time between two frames"""
 
 
-class FilesSection(Section):
+class FilesSection(ConfigSection):
     """Encodings of the dataset's files."""
 
     image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
@@ -47,7 +47,7 @@ class FilesSection(Section):
     """Middlebury's ``flo``, SceneFlow's ``pfm``, or KITTI's ``png16`` (up to 512 px)"""
 
 
-class SplitsSection(Section):
+class SplitsSection(ConfigSection):
     """How much material is kept for validation and test pairs only."""
 
     validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
@@ -67,7 +67,7 @@ class SplitsSection(Section):
         return Split(seed, name, {held: share for held, share in shares.items() if held in splits}, self.models)
 
 
-class LicencesSection(Section):
+class LicencesSection(ConfigSection):
     """Licences that the dataset's index and card state."""
 
     dataset: str = "unknown"

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from semisynth_gl.config.fields import FROM_LIST, SMALLEST, Finite, Positive, Rule, Section, Weight
+from semisynth_gl.config.fields import FROM_LIST, SMALLEST, ConfigSection, Finite, Positive, Rule, Weight
 from semisynth_gl.histogram import Histogram
 
 # Number of points per bin at which a density is evaluated.
@@ -16,7 +16,7 @@ _POINTS = 16
 _BINS = 24
 
 
-class UniformTarget(Section):
+class UniformTarget(ConfigSection):
     """Equally many pixels at each disparity from ``low_px`` to ``high_px``, by default ``min_px`` to ``max_px``."""
 
     form: Literal["uniform"] = "uniform"
@@ -29,13 +29,13 @@ class UniformTarget(Section):
         return min_px if low_px is None else low_px, max_px if high_px is None else high_px
 
 
-class UniformDepthTarget(Section):
+class UniformDepthTarget(ConfigSection):
     """Every depth from ``disparity.max_px`` to ``disparity.min_px`` has the same share of the pixels."""
 
     form: Literal["uniform-depth"]
 
 
-class GammaTarget(Section):
+class GammaTarget(ConfigSection):
     """A gamma distribution: one hump with a long tail of large disparities.
 
     The distribution begins at ``origin_px``. Its mean is ``mean_px``, and its standard deviation ``spread_px``, before
@@ -77,7 +77,7 @@ class GammaTarget(Section):
         return (mean_px / self.spread_px) ** 2, self.spread_px**2 / mean_px
 
 
-class HistogramTarget(Section):
+class HistogramTarget(ConfigSection):
     """Shares of pixels in bins of width ``bin_px``, the first from ``first_px``; shares are scaled to a sum of 1."""
 
     form: Literal["histogram"]

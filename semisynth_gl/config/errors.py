@@ -4,9 +4,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from semisynth_gl.config.explain import config_keys
-from semisynth_gl.config.fields import ConfigError, Section
+from semisynth_gl.config.fields import ConfigError, ConfigSection
 from semisynth_gl.config.layers import ConfigLayer, dotted, holds, merged, undotted
-from semisynth_gl.config.yaml_values import Key
+from semisynth_gl.config.yaml_values import KeyPath
 from semisynth_gl.inputs.errors import did_you_mean, near, shown
 
 
@@ -26,12 +26,12 @@ def explained(error: ValidationError, layer: ConfigLayer) -> str:
 
 
 def _line(fault: ErrorDetails, layer: ConfigLayer) -> str:
-    location, values, recipe = fault["loc"], layer.values, Key()
+    location, values, recipe = fault["loc"], layer.values, KeyPath()
     if location[2:3] == ("config",):
         recipe, location = location[:2], location[3:]
         values = merged(values, values["scenes"][recipe[1]])
     # Pydantic's locations also contain forms and types, which are not keys.
-    key = Key()
+    key = KeyPath()
     for part in location:
         key = (*key, part) if holds(values, (*key, part)) else key
     error = fault.get("ctx", {}).get("error")
@@ -48,12 +48,12 @@ def _line(fault: ErrorDetails, layer: ConfigLayer) -> str:
     return layer.said(reason, [(*recipe, *each) if holds(layer.values, (*recipe, *each)) else each for each in keys])
 
 
-def _hint(key: Key) -> str:
+def _hint(key: KeyPath) -> str:
     """Return a "did you mean" with similar keys of the same section, and keys of that name in other sections."""
     elsewhere = [each for each in config_keys() if each.rpartition(".")[2] == key[-1]]
     section = dotted(key[:-1])
     beside = [each for each in config_keys() if each.rpartition(".")[0] == section]
     if not beside:  # in a target, or in a list
-        beside = [f"{section}.{name}" for each in Section.__subclasses__() for name in each.model_fields]
+        beside = [f"{section}.{name}" for each in ConfigSection.__subclasses__() for name in each.model_fields]
     names = dict.fromkeys([*near(dotted(key), beside), *elsewhere[:2]])
     return did_you_mean(names, "`semisynth-gl configs NAME` lists all keys of a config")

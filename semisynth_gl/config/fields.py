@@ -39,7 +39,7 @@ Rule = tuple[bool, str, Iterable[str]]
 """Whether a rule over several keys is broken; the message; and the keys, as in `ConfigError`."""
 
 
-class Section(BaseModel):
+class ConfigSection(BaseModel):
     """Base class of all sections: unknown keys are errors, values are not coerced, and sections are immutable.
 
     The docstring below a key is its description in ``semisynth-gl configs NAME`` and in the manual.

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from semisynth_gl.config.yaml_values import Key
+from semisynth_gl.config.yaml_values import KeyPath
 
 Values = dict[str, Any]
 
@@ -50,14 +50,14 @@ class ConfigLayer:
     """
 
     values: Values
-    places: dict[Key, str] = field(default_factory=dict)
+    places: dict[KeyPath, str] = field(default_factory=dict)
 
     def over(self, below: "ConfigLayer") -> "ConfigLayer":
         """Return this layer merged over the layer ``below``; see `merged`."""
         kept = {key: place for key, place in below.places.items() if key not in self.places}
         return ConfigLayer(merged(below.values, self.values), kept | self.places)
 
-    def said(self, text: str, keys: Sequence[Key]) -> str:
+    def said(self, text: str, keys: Sequence[KeyPath]) -> str:
         """Return a message on a fault of several keys with their places; the key that was set last comes first."""
         stated = [key for key in keys if holds(self.values, key)] or keys[:1]
         homes = {key: self._home(key) for key in stated}
@@ -68,13 +68,13 @@ class ConfigLayer:
         start = (" " if places[last] == OVERRIDE else ": ").join(filter(None, (places[last], dotted(last))))
         return f"{start}: {text}" + (f" (with {', '.join(notes)})" if notes else "")
 
-    def _home(self, key: Key) -> Key:
+    def _home(self, key: KeyPath) -> KeyPath:
         """Return the key whose place is shown for a key: itself, the nearest section around it, a key in it, or ()."""
         around = (key[:n] for n in range(len(key), 0, -1) if key[:n] in self.places)
         return next(around, next((each for each in self.places if key and each[: len(key)] == key), ()))
 
 
-def holds(values: Any, key: Key) -> bool:  # noqa: ANN401 - any YAML value
+def holds(values: Any, key: KeyPath) -> bool:  # noqa: ANN401 - any YAML value
     """Return whether nested mappings and lists contain a key."""
     try:
         for part in key:
@@ -84,11 +84,11 @@ def holds(values: Any, key: Key) -> bool:  # noqa: ANN401 - any YAML value
     return True
 
 
-def dotted(key: Key) -> str:
+def dotted(key: KeyPath) -> str:
     """Return a key as messages show it, such as scenes.0.weight."""
     return ".".join(map(str, key))
 
 
-def undotted(text: str) -> Key:
+def undotted(text: str) -> KeyPath:
     """Return the key of a dotted text; a number is an index into a list."""
     return tuple(int(part) if part.isdecimal() else part for part in text.split("."))

@@ -16,7 +16,7 @@ from semisynth_gl.config.fields import LARGEST, SMALLEST, is_number
 from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.layers import OVERRIDE, ConfigLayer, Values, merged
 from semisynth_gl.config.model import Config
-from semisynth_gl.config.yaml_values import MOST_BYTES, Key, YamlError, read_yaml
+from semisynth_gl.config.yaml_values import MOST_BYTES, KeyPath, YamlError, read_yaml
 from semisynth_gl.inputs.errors import InputError, cut, did_you_mean, near, shown
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, read_file
@@ -79,7 +79,7 @@ def _validated(layer: ConfigLayer) -> Config:
 
 
 @contextmanager
-def _about(layer: ConfigLayer, *keys: Key) -> Iterator[None]:
+def _about(layer: ConfigLayer, *keys: KeyPath) -> Iterator[None]:
     """Put the places of keys in front of the message of an InputError."""
     try:
         yield
@@ -153,7 +153,7 @@ def _parse_override(override: str | tuple[str, Any]) -> ConfigLayer:
     return ConfigLayer(values, dict.fromkeys(_keys_of(value, key), OVERRIDE))
 
 
-def _keys_of(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML value
+def _keys_of(value: Any, key: KeyPath) -> list[KeyPath]:  # noqa: ANN401 - any YAML value
     """Return ``key`` and the keys of all values inside its ``value``."""
     parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     return [key, *(below for part, child in parts for below in _keys_of(child, (*key, part)))]

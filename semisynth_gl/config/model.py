@@ -19,7 +19,17 @@ from semisynth_gl.config.dataset_sections import (
     SplitsSection,
 )
 from semisynth_gl.config.distributions import UniformDepthTarget, wanted_histogram
-from semisynth_gl.config.fields import FROM_LIST, ConfigError, Name, PluginName, Range, Rule, Section, Weight, one_of
+from semisynth_gl.config.fields import (
+    FROM_LIST,
+    ConfigError,
+    ConfigSection,
+    Name,
+    PluginName,
+    Range,
+    Rule,
+    Weight,
+    one_of,
+)
 from semisynth_gl.config.layers import Values, merged
 from semisynth_gl.config.rig_sections import (
     CameraSection,
@@ -39,7 +49,7 @@ from semisynth_gl.config.scene_sections import (
     StructuresSection,
     TexturesSection,
 )
-from semisynth_gl.config.yaml_values import Key
+from semisynth_gl.config.yaml_values import KeyPath
 from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, DRAWN_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.plugins import Group
@@ -62,7 +72,7 @@ _FIXED: Mapping[str, Collection[str]] = {
 }
 
 
-class RecipeSection(Section):
+class RecipeSection(ConfigSection):
     """A recipe of scenes: keys that replace the config's keys.
 
     In YAML, the sections are beside ``recipe`` and ``weight``; `_whole` rearranges them.
@@ -126,7 +136,7 @@ class Recipe:
     config: "Config"
 
 
-class Config(Section):
+class Config(ConfigSection):
     """A config. Config, seed and index determine a pair. The class of each section documents its keys."""
 
     name: Name
@@ -287,12 +297,12 @@ class Config(Section):
         edges = np.concatenate([below[:-1], longest.edges_px])
         return Histogram.from_counts(edges, sum(count * np.diff(part.cumulative(edges)) for count, part in parts))
 
-    def used_plugins(self) -> dict[Key, tuple[Group, str]]:
+    def used_plugins(self) -> dict[KeyPath, tuple[Group, str]]:
         """Return the group and name of each plug-in that the config uses, by the key that names it."""
-        used: dict[Key, tuple[Group, str]] = {}
+        used: dict[KeyPath, tuple[Group, str]] = {}
         if self.textures.source not in TEXTURE_SOURCES:
             used["textures", "source"] = ("textures", self.textures.source)
-        configs: list[tuple[Key, Config]] = [((), self)]
+        configs: list[tuple[KeyPath, Config]] = [((), self)]
         for number, recipe in enumerate(self.scenes):
             configs.append((("scenes", number), recipe.config))
             if recipe.extends is not None:

@@ -13,6 +13,7 @@ from semisynth_gl.config.fields import (
     FROM_LIST,
     SMALLEST,
     ZERO,
+    ConfigSection,
     Finite,
     NotNegativeRange,
     PathText,
@@ -21,7 +22,6 @@ from semisynth_gl.config.fields import (
     Range,
     RangeField,
     Rule,
-    Section,
     Share,
     Vector,
     within,
@@ -56,7 +56,7 @@ LensBorder = Literal["black", "replicate"]
 _PAINTED_PATTERNS = ("dots", "stripes")
 
 
-class CameraSection(Section):
+class CameraSection(ConfigSection):
     """The rectified pair of cameras."""
 
     width_px: _Side
@@ -135,7 +135,7 @@ class CameraSection(Section):
         return ZERO if left is None or right is None else Range(right.low - left.high, right.high - left.low)
 
 
-class DisparitySection(Section):
+class DisparitySection(ConfigSection):
     """The disparities of a dataset."""
 
     signed: bool = False
@@ -159,7 +159,7 @@ class DisparitySection(Section):
         yield is_beyond, f"{text}: change the target, or these limits", ("target", "min_px", "max_px")
 
 
-class RawEyeSection(Section):
+class RawEyeSection(ConfigSection):
     """A camera before rectification, as OpenCV's stereoCalibrate and stereoRectify describe it."""
 
     fx_px: PositiveRange
@@ -176,7 +176,7 @@ class RawEyeSection(Section):
     """rotation vector of R1 or R2, degrees"""
 
 
-class LensSection(Section):
+class LensSection(ConfigSection):
     """The cameras before rectification, sampled per sequence; they change images, not truth."""
 
     model: LensModel = "radial-tangential"
@@ -212,7 +212,7 @@ class LensSection(Section):
         return RawCamera(width_px, height_px, fx_px, fy_px, cx_px, cy_px, self.model, distortion, rotation)
 
 
-class ProjectorSection(Section):
+class ProjectorSection(ConfigSection):
     """A projector that moves with the rig; it changes images, not truth."""
 
     pattern: PathText = "dots"
@@ -244,7 +244,7 @@ class ProjectorSection(Section):
         return self.pattern in _PAINTED_PATTERNS
 
 
-class RigSection(Section):
+class RigSection(ConfigSection):
     """Deviation of the right camera from the rectified camera."""
 
     right_roll_deg: Annotated[RangeField, within(-_MOST_TURN_DEG, _MOST_TURN_DEG)] = ZERO
@@ -267,7 +267,7 @@ class RigSection(Section):
         return self == RigSection()
 
 
-class ImperfectionsSection(Section):
+class ImperfectionsSection(ConfigSection):
     """Imperfections of real images, sampled per image; both eyes share ``motion_blur``."""
 
     exposure_stops: Annotated[RangeField, within(-20, 20)] = ZERO

@@ -9,6 +9,7 @@ from semisynth_gl.config.fields import (
     FROM_LIST,
     SMALLEST,
     ZERO,
+    ConfigSection,
     NotNegative,
     NotNegativeRange,
     PathText,
@@ -17,7 +18,6 @@ from semisynth_gl.config.fields import (
     Range,
     RangeField,
     Rule,
-    Section,
     Share,
     Weight,
     within,
@@ -36,7 +36,7 @@ TEXTURE_SOURCES = BUILT_IN["textures"]
 _Paths = Annotated[tuple[PathText, ...], FROM_LIST]
 
 
-class BackgroundSection(Section):
+class BackgroundSection(ConfigSection):
     """The background, which closes the view."""
 
     cuboid: Weight = 1.0
@@ -62,7 +62,7 @@ class BackgroundSection(Section):
         yield self.cuboid + self.plane + self.room + self.street == 0, text, ("cuboid", "plane", "room", "street")
 
 
-class RoomSection(Section):
+class RoomSection(ConfigSection):
     """Furnished rooms. If the far wall is nearer than 2.5 m or beyond 9 m, the room is scaled with its contents."""
 
     camera_height_m: PositiveRange = Range(0.9, 1.7)
@@ -89,7 +89,7 @@ class RoomSection(Section):
     """share of rooms with a curtain"""
 
 
-class StreetSection(Section):
+class StreetSection(ConfigSection):
     """A road, objects along it, and a backdrop. If the backdrop is nearer than 25 m, the street is scaled down."""
 
     camera_height_m: PositiveRange = Range(1.2, 2.0)
@@ -114,7 +114,7 @@ class StreetSection(Section):
     """number of people, animals, benches and bins"""
 
 
-class StructuresSection(Section):
+class StructuresSection(ConfigSection):
     """Large objects at rest between the background and the particles."""
 
     ground: Share = 0.0
@@ -137,7 +137,7 @@ class StructuresSection(Section):
     """share of panels bent into a third of a cylinder"""
 
 
-class DepthLayerSection(Section):
+class DepthLayerSection(ConfigSection):
     """A depth layer of particles."""
 
     disparity_px: RangeField | None = None
@@ -148,7 +148,7 @@ class DepthLayerSection(Section):
     """diameters of its particles in the image; by default, the sizes in the section ``particles``"""
 
 
-class ParticlesSection(Section):
+class ParticlesSection(ConfigSection):
     """The particles: models that fall or float in front of the background."""
 
     layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] | None = None
@@ -181,7 +181,7 @@ class ParticlesSection(Section):
         yield self.layers is not None and self.density != "default", text, ("density", "layers")
 
 
-class ModelsSection(Section):
+class ModelsSection(ConfigSection):
     """The models of the particles."""
 
     simple: Weight = 1.0
@@ -205,7 +205,7 @@ class ModelsSection(Section):
         yield total == 0, text, ("simple", "complex", "user", "families")
 
 
-class TexturesSection(Section):
+class TexturesSection(ConfigSection):
     """The patches, and how they are put on models."""
 
     source: PluginName = "builtin"

@@ -12,7 +12,7 @@ from semisynth_gl.inputs.errors import shown
 MOST_BYTES = 1 << 18
 """Maximum size of a YAML file: parsing it takes a few seconds at worst."""
 
-Key = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 
 _TAG = "tag:yaml.org,2002:"
 _KINDS = ("map", "seq", "null", "bool", "int", "float", "str", "timestamp")
@@ -26,13 +26,13 @@ class YamlError(Exception):
         self.line = line
 
 
-def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
+def read_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
     """Return the value of a text (None if it is empty), and the line, from 1, of each key and each item of a list.
 
     Dates and keys of mappings stay texts. Raises YamlError if the text is not valid, has an anchor, an alias or a tag,
     or has a key twice.
     """
-    yaml, lines = YAML(typ="safe", pure=True), dict[Key, int]()
+    yaml, lines = YAML(typ="safe", pure=True), dict[KeyPath, int]()
     try:
         node = yaml.compose(text)
         return None if node is None else _value(yaml, node, (), lines), lines
@@ -57,7 +57,7 @@ def write_yaml(value: Any) -> str:  # noqa: ANN401 - any YAML value
     return stream.getvalue().removesuffix("\n").removesuffix("...").strip()
 
 
-def _value(yaml: YAML, node: Node, key: Key, lines: dict[Key, int]) -> Any:  # noqa: ANN401 - any value
+def _value(yaml: YAML, node: Node, key: KeyPath, lines: dict[KeyPath, int]) -> Any:  # noqa: ANN401 - any value
     """Return a node's value, and add the lines of all its keys to ``lines``."""
     kind = str(node.tag).removeprefix(_TAG)
     if node.anchor or kind not in _KINDS:

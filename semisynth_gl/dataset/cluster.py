@@ -12,7 +12,7 @@ from socket import create_connection
 from typing import Any
 
 from semisynth_gl.dataset.engines import keep_freed_memory, report_shard
-from semisynth_gl.dataset.make import Job, ShardMaker
+from semisynth_gl.dataset.make import DatasetJob, ShardMaker
 from semisynth_gl.inputs.errors import (
     ContextLostError,
     InputError,
@@ -44,7 +44,7 @@ class RayEngine:
     def __init__(self, gpus: float = 0) -> None:
         self._gpus = gpus
 
-    def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
+    def run(self, job: DatasetJob, numbers: Sequence[int], listener: Listener) -> None:
         """Make shards; see `Engine.run`.
 
         Raises:

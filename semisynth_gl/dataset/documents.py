@@ -18,9 +18,9 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.errors import reason_of
 from semisynth_gl.config.model import Config
 from semisynth_gl.inputs.errors import InputError, ReadError, shown
-from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
+from semisynth_gl.layouts import Layout, PairKey, find_layout, layout_names
 from semisynth_gl.layouts.layout import sequence_length
-from semisynth_gl.plugins import Package, require_plugins
+from semisynth_gl.plugins import PluginPackage, require_plugins
 from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
 
 PROGRAM = "semisynth-gl"
@@ -52,7 +52,7 @@ _Text = InstanceOf[str]
 _Value = TypeVar("_Value")
 
 
-class Document(BaseModel):
+class DatasetDocument(BaseModel):
     """An object in a file about a dataset; values are not coerced."""
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False, serialize_by_alias=True)
@@ -93,7 +93,7 @@ class Shard:
         return f"{RECORDS}/{self.name}.tar"
 
 
-class Plan(Document):
+class DatasetPlan(DatasetDocument):
     """The plan of a dataset: its pairs, their shards and their names. All but the pixels follows from it.
 
     Attributes:
@@ -118,7 +118,7 @@ class Plan(Document):
     pairs: Annotated[dict[SplitName, _Pairs], Field(min_length=1)]
     shard_pairs: _Pairs
     views: Annotated[_Pairs, Field(exclude_if=lambda views: views == 1)] = 1
-    plugins: Annotated[dict[str, dict[str, Package]], Field(exclude_if=lambda plugins: not plugins)] = {}
+    plugins: Annotated[dict[str, dict[str, PluginPackage]], Field(exclude_if=lambda plugins: not plugins)] = {}
     sources: dict[SplitName, dict[str, str]] = {}
 
     @property
@@ -160,9 +160,9 @@ class Plan(Document):
         """Return the folder of a split's files below the dataset's, "" or ending in a slash."""
         return self.layout.folder(split, self.splits)
 
-    def key(self, split: SplitName, index: int) -> Key:
+    def key(self, split: SplitName, index: int) -> PairKey:
         """Return the key of a pair, which names its files."""
-        return Key(self.name, split, index, sequence_length(self.config), self.views)
+        return PairKey(self.name, split, index, sequence_length(self.config), self.views)
 
     def files(self, split: SplitName, index: int) -> dict[str, str]:
         """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
@@ -181,7 +181,7 @@ class Plan(Document):
         """The layout's links: target, from the link's folder, by path below the dataset's folder."""
         return self._of_splits(self.layout.links_of)
 
-    def _of_splits(self, of_keys: Callable[[list[Key]], Mapping[str, _Value]]) -> dict[str, _Value]:
+    def _of_splits(self, of_keys: Callable[[list[PairKey]], Mapping[str, _Value]]) -> dict[str, _Value]:
         return {
             f"{self.folder(split)}{path}": value
             for split in self.splits
@@ -203,7 +203,7 @@ class Plan(Document):
         return {name.split("/")[0] for name in names}
 
 
-class _Patch(Document):
+class _Patch(DatasetDocument):
     source: _Text
     left_px: _Number
     top_px: _Number
@@ -215,13 +215,13 @@ class _Patch(Document):
     subject: _Text = ""
 
 
-class SplitSources(Document):
+class SplitSources(DatasetDocument):
     """The part of a split in the index that readers use: its patches, of which scenes are made."""
 
     patches: list[_Patch] = []
 
 
-class ShardEntry(Document):
+class ShardEntry(DatasetDocument):
     """What the index says of a shard; ``sha256`` is the digest of its tar, or of the lines of `sha256sum`."""
 
     shard: str
@@ -238,7 +238,7 @@ class ShardEntry(Document):
         return (self.shard, self.split, self.first, self.end) == (shard.name, shard.split, shard.first, shard.end)
 
 
-class Index(Plan):
+class DatasetIndex(DatasetPlan):
     """The index of a dataset: its plan, its sources and its shards."""
 
     renderers: list[str]
@@ -267,19 +267,19 @@ class StoredFile:
     offset: _Bytes | None = None
 
 
-class Sample(Document):
+class PairRecord(DatasetDocument):
     """What readers take from the record of a shard about a pair."""
 
     pair: _Number
     files: Annotated[dict[str, StoredFile], Field(min_length=1)]
 
 
-class Record(ShardEntry):
+class ShardRecord(ShardEntry):
     """The record of a shard, which says that the shard is complete."""
 
     format: _Format = 1
     renderers: list[str]
-    samples: list[Sample]
+    samples: list[PairRecord]
 
     @property
     def entry(self) -> dict[str, Any]:
@@ -287,7 +287,7 @@ class Record(ShardEntry):
         return self.model_dump(include=set(ShardEntry.model_fields), exclude_none=True)
 
 
-_Document = TypeVar("_Document", bound=Document)
+_Document = TypeVar("_Document", bound=DatasetDocument)
 
 
 def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
@@ -300,7 +300,7 @@ def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
     """
     values = JSON_OBJECT.decode(data, path)
     number = values.get("format")
-    if issubclass(model, Plan) and isinstance(number, int) and number > FORMAT:
+    if issubclass(model, DatasetPlan) and isinstance(number, int) and number > FORMAT:
         raise InputError(
             f"{path}: format: expected at most {FORMAT}, which {PROGRAM} {version(PROGRAM)} reads, got {number}: "
             f"{PROGRAM} {shown(values.get('version'))} wrote the dataset; install that version or a newer one"
@@ -312,7 +312,7 @@ def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
         key = ".".join(str(part) for part in fault["loc"] if part != "[key]")
         came = f", got {shown(fault['input'])}" if key and fault["type"] != "missing" else ""
         raise ReadError(path, f"{key}: {reason_of(fault)}{came}".removeprefix(": ")) from None
-    if isinstance(document, Plan) and document.layout_name not in layout_names():
+    if isinstance(document, DatasetPlan) and document.layout_name not in layout_names():
         require_plugins(path, "layouts", document.plugins.get("layouts", {}))
         raise ReadError(path, f"layout: expected one of {', '.join(layout_names())}")
     return document

@@ -12,7 +12,7 @@ from multiprocessing.sharedctypes import Synchronized
 from threading import Thread
 from typing import Protocol
 
-from semisynth_gl.dataset.make import Job, ShardMaker
+from semisynth_gl.dataset.make import DatasetJob, ShardMaker
 from semisynth_gl.inputs.errors import ContextLostError, WorkerError, counted
 from semisynth_gl.listener import Listener
 
@@ -29,7 +29,7 @@ _MALLOC_OPTIONS = {-1: 256 << 20, -3: 32 << 20}
 class Engine(Protocol):
     """Makes the shards of a job."""
 
-    def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
+    def run(self, job: DatasetJob, numbers: Sequence[int], listener: Listener) -> None:
         """Make the shards of these numbers; return once all are complete.
 
         The listener hears the pairs of finished shards, and messages about lost workers. Raises WorkerError where
@@ -40,7 +40,7 @@ class Engine(Protocol):
 class SerialEngine:
     """Makes one shard after the other in this process."""
 
-    def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
+    def run(self, job: DatasetJob, numbers: Sequence[int], listener: Listener) -> None:
         """Make shards; see `Engine.run`."""
         with closing(ShardMaker(job)) as maker:
             for number in numbers:
@@ -53,7 +53,7 @@ class LocalEngine:
     def __init__(self, workers: int) -> None:
         self._workers = workers
 
-    def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
+    def run(self, job: DatasetJob, numbers: Sequence[int], listener: Listener) -> None:
         """Make shards; see `Engine.run`."""
         left = dict.fromkeys(numbers)
         for attempt in range(1, _POOLS + 1):
@@ -69,7 +69,7 @@ class LocalEngine:
                 return
 
 
-def _run_pool(job: Job, left: dict[int, None], workers: int, listener: Listener) -> None:
+def _run_pool(job: DatasetJob, left: dict[int, None], workers: int, listener: Listener) -> None:
     """Make shards in a pool of processes; remove complete ones from ``left``. Processes end with the function."""
     # A forked process would inherit an OpenGL context that it cannot use.
     context, strangers = get_context("spawn"), {*active_children()}
@@ -87,7 +87,7 @@ def _run_pool(job: Job, left: dict[int, None], workers: int, listener: Listener)
             process.join()
 
 
-def report_shard(job: Job, number: int, renderer: str, listener: Listener) -> None:
+def report_shard(job: DatasetJob, number: int, renderer: str, listener: Listener) -> None:
     """Tell a listener about a shard that another process has made with a renderer."""
     listener.on_renderer(renderer)
     shard = job.plan.shards[number]
@@ -111,7 +111,7 @@ def _interrupts_blocked() -> Iterator[None]:
 _maker: ShardMaker
 
 
-def _start(job: Job, started: "Synchronized[int]", threads: int) -> None:
+def _start(job: DatasetJob, started: "Synchronized[int]", threads: int) -> None:
     """Begin a worker process; ``started`` counts them."""
     global _maker  # noqa: PLW0603 - one for the process
     # A terminal sends Ctrl-C to all processes: the first one ends the others.

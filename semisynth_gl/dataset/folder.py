@@ -13,20 +13,20 @@ from typing import Any
 from upath import UPath
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, Plan, Shard, parse
+from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, DatasetPlan, Shard, parse
 from semisynth_gl.dataset.index import describe_dataset, encode_card
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
 from semisynth_gl.dataset.root import clear_errors, is_local, names_below, path_of, read_if_there, replace, write
 from semisynth_gl.inputs.errors import InputError, abbreviate
-from semisynth_gl.scene.sources import Sources
+from semisynth_gl.scene.sources import SceneSources
 from semisynth_gl.seeds.splits import SplitName
 
 # Requests to a store at a time.
 _REQUESTS = 16
 
 
-def read_plan(root: UPath) -> Plan | None:
+def read_plan(root: UPath) -> DatasetPlan | None:
     """Read the plan of a dataset; return None where the root is empty or does not exist.
 
     Raises:
@@ -48,10 +48,10 @@ def read_plan(root: UPath) -> Plan | None:
                 argument="out",
             )
         return None
-    return parse(Plan, data, path_of(root, PLAN))
+    return parse(DatasetPlan, data, path_of(root, PLAN))
 
 
-def check_same(root: UPath, there: Plan, plan: Plan) -> None:
+def check_same(root: UPath, there: DatasetPlan, plan: DatasetPlan) -> None:
     """Raise InputError, which names the keys, where a dataset's plan cannot grow to another one.
 
     A plan that is not begun yet may lack the digests of patches and models.
@@ -70,7 +70,7 @@ def check_same(root: UPath, there: Plan, plan: Plan) -> None:
         )
 
 
-def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
+def begin(root: UPath, plan: DatasetPlan, *, overwrite: bool = False) -> None:
     """Write a dataset's plan, or go on with the dataset that was begun with the same plan or one of fewer pairs.
 
     With ``overwrite``, another dataset, and one with an index, is removed with all that is in the folders of its
@@ -93,13 +93,13 @@ def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
             replace(root, PLAN, JSON_OBJECT.encode(plan.values()))
 
 
-def missing(root: UPath, plan: Plan) -> list[Shard]:
+def missing(root: UPath, plan: DatasetPlan) -> list[Shard]:
     """Return the shards that have no record: they are made again as a whole."""
     there = {f"{RECORDS}/{name}" for name in names_below(root / RECORDS)}
     return [shard for shard in plan.shards if shard.record not in there]
 
 
-def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> dict[str, Any]:
+def finish(root: UPath, plan: DatasetPlan, sources: Mapping[SplitName, SceneSources]) -> dict[str, Any]:
     """Write the lists, links and card of a dataset that lacks no shard, and last its index, whose content it returns.
 
     ``sources`` are the photographs, patches and models of each split.
@@ -155,7 +155,7 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
                 path.unlink(missing_ok=True)
 
 
-def _remove(root: UPath, plan: Plan) -> None:
+def _remove(root: UPath, plan: DatasetPlan) -> None:
     """Remove all that is in the folders of a dataset, except its plan; records first: without them, no shard counts."""
     tops = plan.tops
     names = [name for name in names_below(root) if name.split("/")[0] in tops and name not in {PLAN, LOCK}]

@@ -8,10 +8,10 @@ from pathlib import Path
 from upath import UPath
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.documents import INDEX, Plan, Shard
+from semisynth_gl.dataset.documents import INDEX, DatasetPlan, Shard
 from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
 from semisynth_gl.dataset.folder import begin, check_same, finish, locked, missing, read_plan
-from semisynth_gl.dataset.make import Job
+from semisynth_gl.dataset.make import DatasetJob
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import is_local, open_root
 from semisynth_gl.inputs.arguments import to_whole
@@ -20,7 +20,7 @@ from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.context import check_libraries
 from semisynth_gl.scene.mix import MixSampler
-from semisynth_gl.scene.sources import Sources, prepare_sources
+from semisynth_gl.scene.sources import SceneSources, prepare_sources
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import reaching_source
 
@@ -30,7 +30,7 @@ class GenerationResult:
     """A dataset after a run: its root, the plan of the complete dataset, and the number of shards still missing."""
 
     root: UPath
-    plan: Plan
+    plan: DatasetPlan
     missing: int
 
 
@@ -94,7 +94,7 @@ def generate(
     sources = {split: prepare_sources(plan.config, plan.split(split)) for split in plan.splits}
     digests = {split: dict(split_sources.digests()) for split, split_sources in sources.items()}
     plan = plan.model_copy(update={"sources": digests})
-    job = Job(plan, str(root.absolute()), backend, gpus)
+    job = DatasetJob(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
     replacing = overwrite and there is not None and (there != plan or (root / INDEX).exists())
     with locked(root, shared=shards is not None and not replacing):
@@ -122,7 +122,7 @@ def check_apart(root: UPath, config: Config) -> None:
         )
 
 
-def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:
+def _describe(plan: DatasetPlan, sources: Mapping[SplitName, SceneSources], listener: Listener) -> None:
     """Report the patches and models of each split; raises InputError for a target that the scenes cannot meet."""
     for split, split_sources in sources.items():
         prefix = f"{split}: " if len(sources) > 1 else ""

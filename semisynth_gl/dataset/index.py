@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.dataset.documents import Plan, Record
+from semisynth_gl.dataset.documents import DatasetPlan, ShardRecord
 from semisynth_gl.frame.channels import FLOW_OUTPUTS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.inputs.templates import template_environment
-from semisynth_gl.scene.sources import Sources
+from semisynth_gl.scene.sources import SceneSources
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.sources import describe_source
@@ -27,7 +27,9 @@ _LICENCES = re.compile(
 _SIZES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B")
 
 
-def describe_dataset(plan: Plan, sources: Mapping[SplitName, Sources], records: Iterable[Record]) -> dict[str, Any]:
+def describe_dataset(
+    plan: DatasetPlan, sources: Mapping[SplitName, SceneSources], records: Iterable[ShardRecord]
+) -> dict[str, Any]:
     """Return the content of an index, from the sources of each split and the records of all shards in order."""
     renderers: set[str] = set()
     shards = []
@@ -43,7 +45,7 @@ def describe_dataset(plan: Plan, sources: Mapping[SplitName, Sources], records: 
     }
 
 
-def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str, Any]:
+def _describe_split(plan: DatasetPlan, split: SplitName, sources: SceneSources) -> dict[str, Any]:
     config = plan.config
     patches = [patch.described() | {"sha256": _sha256(sources.atlas.pixels(patch))} for patch in sources.atlas.patches]
     names = {patch.source for patch in sources.atlas.patches}
@@ -83,7 +85,7 @@ def _sha256(*arrays: np.ndarray[Any, Any]) -> str:
     return digest.hexdigest()
 
 
-def encode_card(plan: Plan, index: Mapping[str, Any]) -> bytes:
+def encode_card(plan: DatasetPlan, index: Mapping[str, Any]) -> bytes:
     """Encode a dataset's README.md from its plan and what `describe_dataset` returned."""
     licence = plan.config.licences.dataset.lower()
     known = _LICENCES.fullmatch(licence)
@@ -101,7 +103,7 @@ def encode_card(plan: Plan, index: Mapping[str, Any]) -> bytes:
     return card.encode()
 
 
-def _configs(plan: Plan) -> list[dict[str, Any]]:
+def _configs(plan: DatasetPlan) -> list[dict[str, Any]]:
     """Return the hub's configs: one for tars, else one for each role of images. Without, a hub loads all files."""
     if plan.layout.packed:
         tars = {shard.split: f"{shard.tar.rpartition('-')[0]}-*.tar" for shard in plan.shards}
@@ -121,7 +123,7 @@ def _configs(plan: Plan) -> list[dict[str, Any]]:
     ]
 
 
-def file_patterns(plan: Plan, split: SplitName) -> dict[str, str]:
+def file_patterns(plan: DatasetPlan, split: SplitName) -> dict[str, str]:
     """Return a glob by role for the files of all pairs of a split, below the dataset's folder or inside a tar."""
     # These pairs differ in view, frame and sequence, and so wherever names can.
     together = plan.config.sequence_pairs

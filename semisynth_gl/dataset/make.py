@@ -14,11 +14,11 @@ from typing import IO, Any
 
 from upath import UPath
 
-from semisynth_gl.dataset.documents import FORMAT, RECORDS, Plan, Shard
+from semisynth_gl.dataset.documents import FORMAT, RECORDS, DatasetPlan, Shard
 from semisynth_gl.dataset.plan import differences, used_plugins
 from semisynth_gl.dataset.root import is_local, open_root, replace, write
 from semisynth_gl.dataset.sample import EncodedPair, encode_pair
-from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
@@ -28,13 +28,13 @@ from semisynth_gl.seeds.splits import SplitName
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class DatasetJob:
     """What every process that makes shards is told: the dataset's plan and root, and the renderer's backend.
 
     ``gpus`` are CUDA's numbers of the GPUs that processes take in turn; empty for the default of `egl_index_of_worker`.
     """
 
-    plan: Plan
+    plan: DatasetPlan
     address: str
     backend: Backend
     gpus: tuple[int, ...] = ()
@@ -43,7 +43,7 @@ class Job:
 class ShardMaker:
     """Makes shards in this process, which is worker number ``worker``; keeps the latest split's renderer open."""
 
-    def __init__(self, job: Job, worker: int = 0) -> None:
+    def __init__(self, job: DatasetJob, worker: int = 0) -> None:
         self._job = job
         self._worker = worker
         self._resources = ExitStack()
@@ -92,12 +92,12 @@ def _check_same(what: str, there: Mapping[str, Any], here: Mapping[str, Any]) ->
         )
 
 
-def open_renderer(job: Job, split: SplitName, worker: int = 0) -> PairRenderer:
+def open_renderer(job: DatasetJob, split: SplitName, worker: int = 0) -> PairRenderer:
     """Open the renderer of a split, on the device of a worker; workers are numbered from 0."""
     return PairRenderer(job.plan.config, job.plan.split(split), job.backend, egl_index_of_worker(job.gpus, worker))
 
 
-def encode(plan: Plan, shard: Shard, pair: Pair) -> EncodedPair:
+def encode(plan: DatasetPlan, shard: Shard, pair: Pair) -> EncodedPair:
     """Return a pair as files."""
     ndisp = max(1, ceil(plan.config.disparity.max_px))
     key = plan.key(shard.split, pair.index)
@@ -127,7 +127,7 @@ def in_order(
 
 
 def write_shard(
-    root: UPath, plan: Plan, shard: Shard, pairs: Iterable[EncodedPair], listener: Listener | None = None
+    root: UPath, plan: DatasetPlan, shard: Shard, pairs: Iterable[EncodedPair], listener: Listener | None = None
 ) -> None:
     """Write the files of a shard's pairs, which are in order, then its record.
 
@@ -161,7 +161,7 @@ def write_shard(
             # All pairs of a sequence carry the same redraws.
             redrawn = [] if number % plan.config.sequence_pairs else pair.provenance.get("redrawn", [])
             # Disparities that the encoding cannot store, in the view with more of them.
-            beyond = max(pair.provenance.get(View.disparity.beyond_key, {}).values(), default=0)
+            beyond = max(pair.provenance.get(ViewArrays.disparity.beyond_key, {}).values(), default=0)
             facts = {"pair": number, "redrawn": redrawn, "share_beyond": beyond / prod(plan.size)}
             samples.append(facts | {"files": files})
             renderers.add(pair.provenance["renderer"])

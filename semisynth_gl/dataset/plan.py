@@ -6,12 +6,12 @@ from math import ceil
 from typing import Any
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.documents import FORMAT, MOST_PAIRS, PROGRAM, Plan
+from semisynth_gl.dataset.documents import FORMAT, MOST_PAIRS, PROGRAM, DatasetPlan
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
 from semisynth_gl.layouts.layout import sequence_length
-from semisynth_gl.plugins import Package, plugin_records
+from semisynth_gl.plugins import PluginPackage, plugin_records
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 # A shard that a run was killed in is made again, so it has few pairs. Small datasets have at least a few shards, so
@@ -26,7 +26,7 @@ _ABSENT = object()
 
 def make_plan(
     config: Config, seed: int, layout_name: str | None, pairs: Mapping[SplitName, int], shard_pairs: int | None = None
-) -> Plan:
+) -> DatasetPlan:
     """Make the plan of a dataset; outputs that the layout needs are added to the config.
 
     Args:
@@ -54,7 +54,7 @@ def make_plan(
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:
         shard_pairs = _shard_pairs(config, max(counts.values()))
-    return Plan.model_validate(
+    return DatasetPlan.model_validate(
         {
             "program": PROGRAM,
             "version": version(PROGRAM),
@@ -86,7 +86,7 @@ def _faults(config: Config, layout: Layout) -> Iterator[str]:
         yield f"stores disparities as {encodings.disparity.description}, which has no signed ones"
 
 
-def used_plugins(config: Config, layout_name: str) -> dict[str, dict[str, Package]]:
+def used_plugins(config: Config, layout_name: str) -> dict[str, dict[str, PluginPackage]]:
     """Return the installed packages of a dataset's plug-ins; raises InputError where one is not installed."""
     used = [*config.used_plugins().values()]
     if layout_name not in LAYOUTS:

@@ -7,7 +7,7 @@ from typing import cast
 
 from upath import UPath
 
-from semisynth_gl.dataset.documents import INDEX, PLAN, Index, Plan, Record, Shard, parse
+from semisynth_gl.dataset.documents import INDEX, PLAN, DatasetIndex, DatasetPlan, Shard, ShardRecord, parse
 from semisynth_gl.dataset.root import open_root, path_of, read_if_there, read_part, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.inputs.arguments import to_whole
@@ -23,7 +23,7 @@ class StoredIndex:
     """The index of a dataset, or the plan of an unfinished one, and the dataset's folder or address."""
 
     address: str
-    plan: Plan
+    plan: DatasetPlan
 
     @property
     def root(self) -> UPath:
@@ -31,9 +31,9 @@ class StoredIndex:
         return open_root(self.address)
 
     @property
-    def made(self) -> Index | None:
+    def made(self) -> DatasetIndex | None:
         """The content of index.json; None for an unfinished dataset."""
-        return self.plan if isinstance(self.plan, Index) else None
+        return self.plan if isinstance(self.plan, DatasetIndex) else None
 
     @property
     def fault(self) -> str | None:
@@ -50,7 +50,7 @@ def read_index(address: str | PathLike[str]) -> StoredIndex:
     """
     address = fspath(address)
     root = open_root(address)
-    for name, model in ((INDEX, Index), (PLAN, Plan)):
+    for name, model in ((INDEX, DatasetIndex), (PLAN, DatasetPlan)):
         data = read_if_there(root, name)
         if data is not None:
             return StoredIndex(address, parse(model, data, path_of(root, name)))
@@ -76,7 +76,7 @@ class Dataset:
         self.about = index
         self._counts = {name: count for name, count in plan.pairs.items() if split in (None, name)}
         self._shards = {(shard.split, shard.first): shard for shard in plan.shards}
-        self._records: dict[Shard, Record] = {}
+        self._records: dict[Shard, ShardRecord] = {}
 
     def __len__(self) -> int:
         return sum(self._counts.values())
@@ -114,7 +114,7 @@ class Dataset:
             position -= count
         raise IndexError(number)
 
-    def _record(self, shard: Shard) -> Record:
+    def _record(self, shard: Shard) -> ShardRecord:
         if shard not in self._records:
             if len(self._records) >= _RECORDS_KEPT:
                 self._records.clear()
@@ -134,10 +134,10 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
     return Dataset(read_index(address), split)
 
 
-def read_record(root: UPath, shard: Shard, *, packed: bool) -> Record:
+def read_record(root: UPath, shard: Shard, *, packed: bool) -> ShardRecord:
     """Read the record of a shard; raises ReadError where it is missing, or does not describe the shard."""
     path = path_of(root, shard.record)
-    record = parse(Record, read_whole(root, shard.record), path)
+    record = parse(ShardRecord, read_whole(root, shard.record), path)
     if not record.describes(shard) or [each.pair for each in record.samples] != list(range(shard.first, shard.end)):
         raise ReadError(path, f"expected {shard.name} with the pairs {shard.first} to {shard.end - 1}")
     files = (file for sample in record.samples for file in sample.files.values())
@@ -146,7 +146,7 @@ def read_record(root: UPath, shard: Shard, *, packed: bool) -> Record:
     return record
 
 
-def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Sequence[str]) -> dict[str, bytes]:
+def read_members(root: UPath, shard: Shard, record: ShardRecord, pair: int, names: Sequence[str]) -> dict[str, bytes]:
     """Read files of a pair from its shard's tar, with one request, and return their bytes by name inside the tar.
 
     Raises ReadError where the shard's record lacks a file, or the tar ends too early.

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs import Codec, Encodings
-from semisynth_gl.codecs.calib import Calibration
+from semisynth_gl.codecs.calib import CalibContent
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, ROLES, SKY, VISIBLE, Channel, View
+from semisynth_gl.frame.channels import CHANNELS, ROLES, SKY, VISIBLE, Channel, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError, ReadError, shown
-from semisynth_gl.layouts import Key, Layout
-from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occluded_role, restore_outside
+from semisynth_gl.layouts import Layout, PairKey
+from semisynth_gl.layouts.roles import StorablePair, mask_from_not_occluded, not_occluded_role, restore_outside
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class StoredFrame(Frame):
     split: str = "train"
     index: int = 0
     provenance: dict[str, Any] = field(default_factory=dict)
-    calibration: Calibration | None = None
+    calibration: CalibContent | None = None
     encodings: Encodings = field(default_factory=Encodings)
 
     @property
@@ -96,7 +96,7 @@ class EncodedPair(NamedTuple):
 
 
 def encode_pair(
-    layout: Layout, key: Key, frame: Frame, provenance: Mapping[str, Any], ndisp: int, encodings: Encodings
+    layout: Layout, key: PairKey, frame: Frame, provenance: Mapping[str, Any], ndisp: int, encodings: Encodings
 ) -> EncodedPair:
     """Encode a pair as files; a channel that the frame lacks gets no file.
 
@@ -112,7 +112,7 @@ def encode_pair(
         if channel.mask is not None and isfinite(codec.limit_px):
             frame, counts = _invalidate(frame, channel, codec)
             provenance |= {channel.beyond_key: counts} if counts else {}
-    sample, made, files = Sample(frame, provenance, ndisp), frame.arrays().keys(), {}
+    sample, made, files = StorablePair(frame, provenance, ndisp), frame.arrays().keys(), {}
     for name, path in layout.files(key, encodings).items():
         role = layout.role(name)
         if role.arrays <= made:
@@ -145,7 +145,7 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
         match value:
             case np.ndarray():
                 found: tuple[Any, ...] = value.shape[:2]
-            case Calibration():
+            case CalibContent():
                 found = value.camera.height_px, value.camera.width_px
             case {"camera": {**camera}}:
                 found = _height_and_width(camera)
@@ -159,7 +159,7 @@ def _height_and_width(camera: Mapping[Any, Any]) -> tuple[Any, Any]:
     return camera.get("height_px"), camera.get("width_px")
 
 
-def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
+def assemble_frame(key: PairKey, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
     """Assemble a pair from its decoded files.
 
     ``values`` are what `decode_file` returns, by role: at least both images, the left disparity and the provenance.
@@ -188,7 +188,7 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
     return StoredFrame(camera, left, right, key.name, key.split, key.index, provenance, calibration, encodings)
 
 
-def _with_outside(frame: Frame, eye: Eye) -> View:
+def _with_outside(frame: Frame, eye: Eye) -> ViewArrays:
     """Return a view whose mask marks points above and below the other image as outside; see `restore_outside`."""
     view = frame.view(eye)
     if frame.camera.rectified or not view.keys() >= {"disparity", "visibility"}:

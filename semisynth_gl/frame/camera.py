@@ -57,7 +57,7 @@ MOST_FOCAL_RATIO = 1.25
 
 
 @dataclass(frozen=True, slots=True)
-class Deviation(CheckedFields):
+class CameraDeviation(CheckedFields):
     """The deviation of a right camera from the rectified one, about its own centre.
 
     Attributes:
@@ -80,7 +80,7 @@ class Deviation(CheckedFields):
         return rotation
 
 
-RECTIFIED = Deviation()
+RECTIFIED = CameraDeviation()
 
 # OpenGL counts pixels in 32 bits.
 _MOST_SIDE_PX = 2**31 - 1
@@ -113,7 +113,7 @@ class StereoCamera(CheckedFields):
     cx_left_px: Annotated[float, -MOST_PX, MOST_PX]
     cx_right_px: Annotated[float, -MOST_PX, MOST_PX]
     cy_px: Annotated[float, -MOST_PX, MOST_PX]
-    deviation: Deviation = RECTIFIED
+    deviation: CameraDeviation = RECTIFIED
     fy_over_fx: Annotated[float, LEAST, MOST] = 1.0
 
     def __post_init__(self) -> None:
@@ -138,7 +138,7 @@ class StereoCamera(CheckedFields):
             TypeError, InputError: where values are missing or wrong.
         """
         known = {key.name: values[key.name] for key in fields(cls) if key.name in values}
-        return cls(**known | {"deviation": Deviation(**values.get("deviation", {}))})
+        return cls(**known | {"deviation": CameraDeviation(**values.get("deviation", {}))})
 
     def values(self, *, deviation: bool = False) -> dict[str, Any]:
         """Return the camera in JSON's types: the attributes by name, without a fy_over_fx of 1, and "doffs_px".

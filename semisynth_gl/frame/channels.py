@@ -28,7 +28,7 @@ _UINT8, _FLOAT32 = np.dtype(np.uint8), np.dtype(np.float32)
 
 @dataclass(eq=False)
 class Channel(Generic[Value]):
-    """A quantity of every pixel of a view: a row of the table in the class `View`.
+    """A quantity of every pixel of a view: a row of the table in the class `ViewArrays`.
 
     Attributes:
         dtype: the dtype of the values.
@@ -38,7 +38,7 @@ class Channel(Generic[Value]):
         output: the output that a user asks for to get the channel; None for a channel of every view that has truth.
         mask: the channel that says whether the other view, or the other moment, shows the same point.
         is_truth: whether ``truth`` decides which views have the channel; else both views have it.
-        name: the channel's name in `View`.
+        name: the channel's name in `ViewArrays`.
     """
 
     dtype: np.dtype[Value]
@@ -51,17 +51,17 @@ class Channel(Generic[Value]):
     is_truth: bool = True
     name: str = field(init=False)
 
-    def __set_name__(self, owner: type["View"], name: str) -> None:
+    def __set_name__(self, owner: type["ViewArrays"], name: str) -> None:
         self.name = name
         self.output = name if self.output == "" else self.output
 
     @overload
-    def __get__(self, view: None, owner: type["View"]) -> Self: ...
+    def __get__(self, view: None, owner: type["ViewArrays"]) -> Self: ...
 
     @overload
-    def __get__(self, view: "View", owner: type["View"]) -> NDArray[Value]: ...
+    def __get__(self, view: "ViewArrays", owner: type["ViewArrays"]) -> NDArray[Value]: ...
 
-    def __get__(self, view: "View | None", owner: type["View"]) -> Self | NDArray[Value]:
+    def __get__(self, view: "ViewArrays | None", owner: type["ViewArrays"]) -> Self | NDArray[Value]:
         if view is None:
             return self
         array: NDArray[Value] | None = view.get(self.name)
@@ -85,7 +85,7 @@ class Channel(Generic[Value]):
         return f"{self.name}_beyond"
 
 
-class View(Mapping[str, NDArray[Any]]):
+class ViewArrays(Mapping[str, NDArray[Any]]):
     """One eye's view: the arrays that were made, by the names of their channels.
 
     ``view.disparity`` and ``view["disparity"]`` are the same array; ``"flow" in view`` says whether there is flow.
@@ -186,13 +186,13 @@ class View(Mapping[str, NDArray[Any]]):
     def __len__(self) -> int:
         return len(self._arrays)
 
-    def with_channels(self, channels: Mapping[str, NDArray[Any]]) -> "View":
+    def with_channels(self, channels: Mapping[str, NDArray[Any]]) -> "ViewArrays":
         """Return a view in which some arrays are added or replaced."""
-        return View(self._arrays | dict(channels))
+        return ViewArrays(self._arrays | dict(channels))
 
 
 CHANNELS: Mapping[str, Channel[Any]] = {
-    name: channel for name, channel in vars(View).items() if isinstance(channel, Channel)
+    name: channel for name, channel in vars(ViewArrays).items() if isinstance(channel, Channel)
 }
 """All channels by name, in the order of the table."""
 

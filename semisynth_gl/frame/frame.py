@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, SKY, View
+from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, SKY, ViewArrays
 from semisynth_gl.inputs.arguments import check_one_of
 
 
@@ -47,19 +47,19 @@ class Frame:
     """
 
     camera: StereoCamera
-    left: View
-    right: View
+    left: ViewArrays
+    right: ViewArrays
 
     @classmethod
     def from_arrays(cls, camera: StereoCamera, arrays: Mapping[str, NDArray[Any]]) -> "Frame":
-        """Build a frame from arrays by role, as `arrays` returns them; see `View` for errors."""
+        """Build a frame from arrays by role, as `arrays` returns them; see `ViewArrays` for errors."""
         left, right = (
-            View({name: arrays[row.role(eye)] for name, row in CHANNELS.items() if row.role(eye) in arrays})
+            ViewArrays({name: arrays[row.role(eye)] for name, row in CHANNELS.items() if row.role(eye) in arrays})
             for eye in EYES
         )
         return cls(camera, left, right)
 
-    def view(self, eye: Eye) -> View:
+    def view(self, eye: Eye) -> ViewArrays:
         """Return one eye's view."""
         return self.left if eye == "left" else self.right
 
@@ -118,7 +118,7 @@ class Frame:
         camera = self.camera.cropped(crop)
         part = slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px)
         left, right = (
-            View({name: (array if name == "raw" else array[part]).copy() for name, array in view.items()})
+            ViewArrays({name: (array if name == "raw" else array[part]).copy() for name, array in view.items()})
             for view in (self.left, self.right)
         )
         return Frame(camera, left, right)

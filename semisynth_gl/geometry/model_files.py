@@ -99,7 +99,7 @@ def _scene(path: Path, suffix: str) -> trimesh.Scene:
     return trimesh.load_scene(
         io.BytesIO(content),
         file_type=suffix,
-        resolver=_Folder(path),
+        resolver=_ModelFolder(path),
         process=False,
         allow_remote=False,
         # Their textures would be read for nothing. glTF's loader drops the UV map along with the material.
@@ -168,7 +168,7 @@ def _require_at_most(limit: int, what: str, count: int) -> None:
         raise InputError(f"has {count:,} {what}, the limit is {limit:,}: {how}")
 
 
-class _Folder(FilePathResolver):
+class _ModelFolder(FilePathResolver):
     """Gives trimesh only files in a model's folder and below, and no more than `MAX_BYTES` of them."""
 
     def __init__(self, model: Path) -> None:

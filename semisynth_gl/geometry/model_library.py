@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.cache import Entry, cached, file_states
+from semisynth_gl.cache import CacheEntry, cached, file_states
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_units import make_model
-from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
+from semisynth_gl.geometry.relief import MeanRelief, mean_relief
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.inputs.errors import InputError, Skipped
 from semisynth_gl.inputs.user_files import expanded, files_below
@@ -40,7 +40,7 @@ class ModelLibrary:
         sampled: (M,) int64, the models that are sampled, as indices into ``models``; other recipes may sample the rest.
         chances: (M,) float64, sum 1, the chance of each sampled model; a family's models share its weight in proportion
             to the weights of their kinds.
-        silhouette: the mean silhouette of the sampled models.
+        relief: the mean relief of the sampled models.
         skipped: the user's files that have no usable model, and why.
         user_count: number of the user's models; they come first among the chosen models.
     """
@@ -48,7 +48,7 @@ class ModelLibrary:
     models: tuple[Mesh, ...]
     sampled: NDArray[np.int64]
     chances: Floats
-    silhouette: Silhouette
+    relief: MeanRelief
     skipped: tuple[Skipped, ...]
     user_count: int
 
@@ -56,7 +56,7 @@ class ModelLibrary:
 def build_library(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
     """Build the models that a config asks for in a split, or load them from the cache.
 
-    ``particles`` tells how models are stretched, on which their mean silhouette depends. All models of the library are
+    ``particles`` tells how models are stretched, on which their mean relief depends. All models of the library are
     sampled. Raises InputError where a folder does not exist, the folders have no usable model, no model has a weight, a
     plug-in cannot be used, or models are too few for all splits.
     """
@@ -128,20 +128,20 @@ def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
     return [make_model(f"{name}/{mesh.name}", mesh.positions, mesh.triangles, mesh.uv) for mesh in meshes]
 
 
-def _packed(library: ModelLibrary) -> Entry:
+def _packed(library: ModelLibrary) -> CacheEntry:
     """Return the library as an entry, in whose arrays the models follow one another."""
     values = {
         "rows": {name: [len(getattr(mesh, name)) for mesh in library.models] for name in _ARRAYS},
         "models": [[mesh.name, mesh.solid] for mesh in library.models],
-        "fill": library.silhouette.fill,
+        "fill": library.relief.fill,
         "skipped": [[str(skipped.path), skipped.reason] for skipped in library.skipped],
         "user_count": library.user_count,
     }
     arrays = {name: np.concatenate([getattr(mesh, name) for mesh in library.models]) for name in _ARRAYS}
-    return Entry(values, arrays | {"chances": library.chances, "heights": library.silhouette.heights})
+    return CacheEntry(values, arrays | {"chances": library.chances, "heights": library.relief.heights})
 
 
-def _unpacked(entry: Entry) -> ModelLibrary:
+def _unpacked(entry: CacheEntry) -> ModelLibrary:
     values, arrays = entry.values, entry.arrays
     parts = [np.split(arrays[name], np.cumsum(values["rows"][name])[:-1]) for name in _ARRAYS]
     meshes = zip(values["models"], *parts, strict=True)
@@ -149,7 +149,7 @@ def _unpacked(entry: Entry) -> ModelLibrary:
         tuple(Mesh(name, positions, uv, triangles, solid) for (name, solid), positions, uv, triangles in meshes),
         np.arange(len(values["models"])),
         arrays["chances"],
-        Silhouette(values["fill"], arrays["heights"]),
+        MeanRelief(values["fill"], arrays["heights"]),
         tuple(Skipped(Path(path), reason) for path, reason in values["skipped"]),
         values["user_count"],
     )
@@ -192,5 +192,5 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
     chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])
     chances /= chances.sum()
     rng = generator(split.seed, Purpose.MODELS, len(families))
-    silhouette = mean_silhouette(library, chances, particles, rng)
-    return ModelLibrary(tuple(library), np.arange(len(library)), chances, silhouette, tuple(skipped), len(user))
+    relief = mean_relief(library, chances, particles, rng)
+    return ModelLibrary(tuple(library), np.arange(len(library)), chances, relief, tuple(skipped), len(user))

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.model import digest_of
-from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, Record, Shard, ShardEntry
+from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, Shard, ShardEntry, ShardRecord
 from semisynth_gl.dataset.reader import StoredIndex, read_members, read_record
 from semisynth_gl.dataset.root import is_local, names_below, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
@@ -46,7 +46,7 @@ def check_index(index: StoredIndex, verdict: Verdict) -> None:
             verdict.add("files", f"{name} {error.reason}")
 
 
-def check_shard(index: StoredIndex, shard: Shard, entry: ShardEntry, verdict: Verdict) -> Record | None:
+def check_shard(index: StoredIndex, shard: Shard, entry: ShardEntry, verdict: Verdict) -> ShardRecord | None:
     """Compare a shard's record with its entry in the index, and its tar with the record.
 
     Returns the record, or None if it cannot be read.
@@ -73,7 +73,7 @@ def check_shard(index: StoredIndex, shard: Shard, entry: ShardEntry, verdict: Ve
 
 
 def read_pair(
-    index: StoredIndex, shard: Shard, record: Record | None, number: int, verdict: Verdict
+    index: StoredIndex, shard: Shard, record: ShardRecord | None, number: int, verdict: Verdict
 ) -> StoredFrame | None:
     """Read a pair's files, and compare their names, digests, sizes and origin with index, layout and record.
 
@@ -99,7 +99,7 @@ def read_pair(
 
 
 def _read_files(
-    index: StoredIndex, shard: Shard, record: Record | None, number: int, verdict: Verdict
+    index: StoredIndex, shard: Shard, record: ShardRecord | None, number: int, verdict: Verdict
 ) -> dict[str, Any]:
     """Read all readable files of a pair, and return their content by role."""
     plan, values = index.plan, dict[str, Any]()

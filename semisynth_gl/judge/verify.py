@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.dataset.documents import Index
+from semisynth_gl.dataset.documents import DatasetIndex
 from semisynth_gl.dataset.reader import StoredIndex, read_index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
@@ -116,7 +116,7 @@ def verify(
 
 
 def _scenes_for_rays(
-    index: StoredIndex, made: Index, rays: int | None
+    index: StoredIndex, made: DatasetIndex, rays: int | None
 ) -> tuple[frozenset[int], dict[SplitName, RebuiltScenes], str | None]:
     """Return the positions of the pairs to compare with rays, each split's scenes, and why no pair is compared."""
     if rays is None and made.version != metadata.version("semisynth-gl"):

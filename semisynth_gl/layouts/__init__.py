@@ -5,10 +5,10 @@ from functools import cache
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.builtin import BUILT_IN
-from semisynth_gl.layouts.layout import Key, Layout, view_stems
+from semisynth_gl.layouts.layout import Layout, PairKey, view_stems
 from semisynth_gl.plugins import find_plugin, installed_plugins
 
-__all__ = ["LAYOUTS", "Key", "Layout", "find_layout", "layout_names", "view_stems"]
+__all__ = ["LAYOUTS", "Layout", "PairKey", "find_layout", "layout_names", "view_stems"]
 
 # Roles without which no pair can be read back.
 _NEEDED = {"left", "right", "disparity_left", "provenance"}

@@ -14,10 +14,10 @@ from semisynth_gl.codecs.jpeg import JPEG
 from semisynth_gl.codecs.json_object import JsonObject
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, View
+from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, ViewArrays
 from semisynth_gl.inputs.errors import ReadError
-from semisynth_gl.layouts.layout import Key, Layout, view_stems
-from semisynth_gl.layouts.roles import ROLES, Sample
+from semisynth_gl.layouts.layout import Layout, PairKey, view_stems
+from semisynth_gl.layouts.roles import ROLES, StorablePair
 from semisynth_gl.seeds.splits import SplitName
 
 _PAIR_LINE = "{left} {right} {disparity_left}\n"
@@ -129,7 +129,7 @@ _KITTI_FOLDERS = {
 _KITTI_FOLDERS |= {role: folder for role, folder in _PLAIN.items() if role not in _KITTI_FOLDERS}
 
 
-def _kitti_fields(key: Key) -> dict[str, str]:
+def _kitti_fields(key: PairKey) -> dict[str, str]:
     number = f"{key.sequence:06d}"
     name = f"{number}_{_FIRST_FRAME + key.frame}"
     return {
@@ -171,7 +171,7 @@ _DRIVING = [
 _PARTS: Mapping[SplitName, str] = {"train": "TRAIN", "validation": "TEST", "test": "TEST"}
 
 
-def _things_fields(key: Key) -> dict[str, str]:
+def _things_fields(key: PairKey) -> dict[str, str]:
     number, letter = divmod(key.sequence, len("ABC"))
     folder, frame = divmod(number, _FRAMES) if key.sequence_length is None else (number, key.frame)
     return {"folder": f"{_PARTS[key.split]}/{'ABC'[letter]}/{folder:04d}", "file": f"{frame:04d}"}
@@ -254,7 +254,7 @@ _SIZES = ("width_px", "height_px")
 _LENGTHS = ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px", "doffs_px")
 
 
-def _facts(sample: Sample) -> dict[str, Any]:
+def _facts(sample: StorablePair) -> dict[str, Any]:
     """Return the facts that every pair has, and the provenance as text: loaders lose keys that only some pairs have."""
     provenance, camera = sample.provenance, sample.frame.camera
     numbers: dict[str, Any] = {name: int(getattr(camera, name)) for name in _SIZES}
@@ -262,7 +262,7 @@ def _facts(sample: Sample) -> dict[str, Any]:
     # Either all pairs of a dataset have these or none: a rectified twin states a deviation of zero.
     recorded = provenance.get("camera", {})
     numbers |= {key: recorded[key] for key in ("fy_over_fx", "deviation") if key in recorded}
-    beyond = provenance.get(View.disparity.beyond_key, {})
+    beyond = provenance.get(ViewArrays.disparity.beyond_key, {})
     return {
         "pair": int(provenance["pair"]),
         "split": str(provenance["split"]),

@@ -7,14 +7,14 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, TruthViews
-from semisynth_gl.layouts.roles import ROLES, Role
+from semisynth_gl.layouts.roles import ROLES, FileRole
 from semisynth_gl.seeds.splits import SplitName
 
 _SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", "test": "test"}
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class PairKey:
     """The identity of a pair in a dataset, after which layouts name its files.
 
     Attributes:
@@ -60,7 +60,7 @@ class Layout:
     """The names of a dataset's files. A file's content follows from its role; see `semisynth_gl.layouts.roles`.
 
     Names are templates for `str.format`, in which ``{name}``, ``{index}``, ``{sequence}``, ``{frame}`` and ``{split}``
-    are those of the pair's `Key`, and ``{short_split}`` is train, val or test. Paths are below the split's folder.
+    are those of the pair's `PairKey`, and ``{short_split}`` is train, val or test. Paths are below the split's folder.
 
     Attributes:
         stems: the path of each file of a pair by role, without its ending; inside the shard's tar where packed.
@@ -81,13 +81,13 @@ class Layout:
     """
 
     stems: Mapping[str, str]
-    fields: Callable[[Key], Mapping[str, object]] = lambda _: {}
+    fields: Callable[[PairKey], Mapping[str, object]] = lambda _: {}
     lists: Mapping[str, str] = field(default_factory=dict)
     links: Mapping[str, str] = field(default_factory=dict)
     flow_links: Mapping[str, str] = field(default_factory=dict)
     folders: tuple[str, ...] = ()
     together: frozenset[SplitName] = frozenset()
-    roles: Mapping[str, Role] = field(default_factory=dict)
+    roles: Mapping[str, FileRole] = field(default_factory=dict)
     packed: bool = False
     needs: frozenset[str] = frozenset()
     lacks: frozenset[str] = frozenset()
@@ -95,12 +95,12 @@ class Layout:
     three_channels: bool = False
     most_frames: int | None = None
 
-    def role(self, name: str) -> Role:
+    def role(self, name: str) -> FileRole:
         """Return a role by its name; raises KeyError for an unknown name."""
         return self.roles.get(name) or ROLES[name]
 
     def files(
-        self, key: Key, encodings: Encodings, outputs: Collection[str] | None = None, truth: TruthViews = "both"
+        self, key: PairKey, encodings: Encodings, outputs: Collection[str] | None = None, truth: TruthViews = "both"
     ) -> dict[str, str]:
         """Return the path of each file of a pair by role, below the split's folder or inside the shard's tar.
 
@@ -114,7 +114,7 @@ class Layout:
                 files[name] = f"{stem.format_map(values)}{role.codec(encodings).suffix}"
         return files
 
-    def lists_of(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:
+    def lists_of(self, keys: Sequence[PairKey], encodings: Encodings) -> dict[str, bytes]:
         """Return the bytes of the lists about the pairs of a split, by path."""
         texts = {}
         for path, line in self.lists.items():
@@ -122,7 +122,7 @@ class Layout:
             texts[path.format_map(self._values(keys[0]))] = "".join(lines).encode()
         return texts
 
-    def links_of(self, keys: Sequence[Key]) -> dict[str, str]:
+    def links_of(self, keys: Sequence[PairKey]) -> dict[str, str]:
         """Return the targets of the links to the pairs of a split, by path."""
         templates = {**self.links, **(self.flow_links if keys[0].sequence_length else {})}
         return {
@@ -141,7 +141,7 @@ class Layout:
         encodings = chosen if self.encodings is None else replace(self.encodings, signed=chosen.signed)
         return encodings if config.camera.colour == "rgb" else encodings.in_grey(three=self.three_channels)
 
-    def _values(self, key: Key) -> dict[str, object]:
+    def _values(self, key: PairKey) -> dict[str, object]:
         names = ("name", "index", "sequence", "frame", "split")
         of_key = {name: getattr(key, name) for name in names} | {"short_split": _SHORT_SPLITS[key.split]}
         return of_key | dict(self.fields(key))

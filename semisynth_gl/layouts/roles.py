@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs import Codec, Encodings
-from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
+from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, CalibContent
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.frame.camera import OTHER_EYE, Eye
-from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, View
+from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, ViewArrays
 from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.inputs.errors import ReadError
 
 _LARGEST_OBJECT = 255
 
 
-class Sample(NamedTuple):
+class StorablePair(NamedTuple):
     """A pair to be encoded; values of its frame that the codecs cannot store are already invalid.
 
     ``provenance`` says in JSON's types how the pair was made, and ``ndisp`` is an upper bound of its disparities in
@@ -38,7 +38,7 @@ class Sample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Role:
+class FileRole:
     """The content of one kind of file.
 
     Attributes:
@@ -52,7 +52,7 @@ class Role:
 
     meaning: str
     codec: Callable[[Encodings], Codec[Any]]
-    value: Callable[[Sample], Any]
+    value: Callable[[StorablePair], Any]
     output: str | None = None
     eye: Eye | None = None
     arrays: frozenset[str] = frozenset()
@@ -115,7 +115,7 @@ def _is_outside(position: NDArray[np.float32], length: int) -> NDArray[np.bool_]
     return np.asarray((position < -0.5) | (position >= length - 0.5))
 
 
-def _stored_mask(truth: Channel[Any], view: View) -> NDArray[np.uint8]:
+def _stored_mask(truth: Channel[Any], view: ViewArrays) -> NDArray[np.uint8]:
     """Return the mask of a disparity or flow as files have it: points outside the other image count as occluded.
 
     As in Middlebury's files, a pixel is 255 where its point is visible too, 128 where it is hidden, and 0 where there
@@ -128,36 +128,36 @@ def _stored_mask(truth: Channel[Any], view: View) -> NDArray[np.uint8]:
     return np.maximum(mask, stored, out=stored)
 
 
-def _not_occluded(truth: Channel[Any], view: View) -> NDArray[np.float32]:
+def _not_occluded(truth: Channel[Any], view: ViewArrays) -> NDArray[np.float32]:
     seen = view[str(truth.mask)] == VISIBLE
     return np.where(seen[..., None] if truth.components > 1 else seen, view[truth.name], np.float32(np.inf))
 
 
-def _vertical(eye: Eye, view: View) -> NDArray[np.float32]:
+def _vertical(eye: Eye, view: ViewArrays) -> NDArray[np.float32]:
     down = view.correspondence[..., 1]
     # y_left - y_right in both views, as the disparity is x_left - x_right.
     return down if eye == "right" else np.where(np.isinf(down), np.float32(np.inf), -down)
 
 
-def _exposed(stops: float, sample: Sample) -> NDArray[np.uint8]:
+def _exposed(stops: float, sample: StorablePair) -> NDArray[np.uint8]:
     """Return the right image times 2 to the power of stops, as `semisynth_gl.pairs.imperfections` does."""
     levels = np.rint(np.clip(np.arange(256, dtype=np.float32) * np.float32(2.0**stops), 0, 255)).astype(np.uint8)
     exposed: NDArray[np.uint8] = levels[sample.frame.right.image]
     return exposed
 
 
-def _calibration(sample: Sample) -> Calibration:
+def _calibration(sample: StorablePair) -> CalibContent:
     _, vmin, vmax = finite_range(sample.frame.left.disparity)
     camera = sample.frame.camera
-    return Calibration(camera, camera.doffs_px, sample.ndisp, vmin, vmax)
+    return CalibContent(camera, camera.doffs_px, sample.ndisp, vmin, vmax)
 
 
-def _roles_of(eye: Eye) -> dict[str, Role]:
+def _roles_of(eye: Eye) -> dict[str, FileRole]:
     """Return the roles of the files about one view."""
 
-    def role(meaning: str, like: Channel[Any], value: Callable[[View], Any], *channels: Channel[Any]) -> Role:
+    def role(meaning: str, like: Channel[Any], value: Callable[[ViewArrays], Any], *channels: Channel[Any]) -> FileRole:
         """Return the role of a file with the codec of ``like``, and the output of the first channel that it needs."""
-        return Role(
+        return FileRole(
             meaning.format(view=eye, other=OTHER_EYE[eye]),
             methodcaller("codec", like),
             lambda sample: value(sample.frame.view(eye)),
@@ -177,29 +177,35 @@ def _roles_of(eye: Eye) -> dict[str, Role]:
         meaning = f"{truth.role(eye)}, where its mask says that the point is visible too"
         roles[not_occluded_role(truth, eye)] = role(meaning, truth, partial(_not_occluded, truth), mask, truth)
     meaning = "y_left - y_right of the {view} view's pixels, float32 px; inf where there is no disparity"
-    roles[f"disparity_y_{eye}"] = role(meaning, View.depth, partial(_vertical, eye), View.correspondence)
+    roles[f"disparity_y_{eye}"] = role(meaning, ViewArrays.depth, partial(_vertical, eye), ViewArrays.correspondence)
     return roles
 
 
-ROLES: Mapping[str, Role] = {
+ROLES: Mapping[str, FileRole] = {
     **_roles_of("left"),
     **_roles_of("right"),
-    "right_under": Role("right image a stop darker", methodcaller("codec", View.image), partial(_exposed, -1)),
-    "right_over": Role("right image a stop brighter", methodcaller("codec", View.image), partial(_exposed, 1)),
-    "objects": Role(
+    "right_under": FileRole(
+        "right image a stop darker", methodcaller("codec", ViewArrays.image), partial(_exposed, -1)
+    ),
+    "right_over": FileRole(
+        "right image a stop brighter", methodcaller("codec", ViewArrays.image), partial(_exposed, 1)
+    ),
+    "objects": FileRole(
         "8-bit: 1 to 255 for objects, 0 for all else; of the left view",
         lambda _: GREY8,
         lambda sample: number_objects(sample.frame.left.instances, sample.provenance["instances"]),
         "instances",
         arrays=frozenset({"instances_left"}),
     ),
-    "calibration": Role("the cameras, as Middlebury's calib.txt has them", lambda _: MIDDLEBURY_CALIB, _calibration),
-    "calib_cam_to_cam": Role(
+    "calibration": FileRole(
+        "the cameras, as Middlebury's calib.txt has them", lambda _: MIDDLEBURY_CALIB, _calibration
+    ),
+    "calib_cam_to_cam": FileRole(
         "the cameras, as KITTI's calib_cam_to_cam.txt has them",
         lambda _: KITTI_CALIB,
         lambda sample: sample.frame.camera,
     ),
-    "provenance": Role(
+    "provenance": FileRole(
         "what made the pair: seeds, camera, and every instance in the scene",
         lambda _: JSON_OBJECT,
         lambda sample: sample.provenance,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
-from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.chain import LensChain
 
@@ -29,7 +29,7 @@ def with_borders(
         border_disparity: whether disparities stay that the view's own sensor did not see, as all other truth does.
     """
     valid = {eye: chain.valid for eye, chain in chains.items()}
-    views: dict[Eye, View] = {}
+    views: dict[Eye, ViewArrays] = {}
     for eye in EYES:
         view = frame.view(eye)
         changed: dict[str, NDArray[Any]] = {}

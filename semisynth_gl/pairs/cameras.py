@@ -28,7 +28,7 @@ Images = dict[Eye, NDArray[np.uint8]]
 Channels = dict[str, NDArray[Any]]
 
 
-class Cameras:
+class RigCameras:
     """The cameras of a dataset's rig.
 
     Args:

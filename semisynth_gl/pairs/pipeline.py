@@ -11,7 +11,7 @@ from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FUTURE_OUTPUTS, PAST_OUTP
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
-from semisynth_gl.pairs.cameras import Cameras
+from semisynth_gl.pairs.cameras import RigCameras
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
@@ -107,7 +107,7 @@ class PairRenderer:
             **renderer_options(config),
         )
         self.renderer_name = self.renderer.renderer_name
-        self._cameras = Cameras(config, split.seed, self.renderer)
+        self._cameras = RigCameras(config, split.seed, self.renderer)
         # The latest sequence that passed its checks, and the faults of its failed attempts.
         self._settled, self._redrawn = -1, list[str]()
         self._latest: tuple[object, list[Pair]] | None = None  # the pairs of the latest scene, by number and crop

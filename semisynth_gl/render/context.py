@@ -14,9 +14,9 @@ from glcontext import egl
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import BACKENDS, Backend, is_software
+from semisynth_gl.render.gl_functions import GLFunctions
 from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMESA_LIBRARIES, OSMesaContext
-from semisynth_gl.render.unbound import UnboundCalls
 
 # OpenGL 4.5 is the first version with glClipControl, which reversed Z needs; llvmpipe has offered it since Mesa 20.2.
 REQUIRED_VERSION = 450
@@ -39,7 +39,7 @@ class GraphicsContext:
     """An open context, which is current and set up for reversed Z in [0, 1]."""
 
     gl: moderngl.Context
-    unbound: UnboundCalls  # calls that moderngl lacks
+    functions: GLFunctions  # calls that moderngl lacks
     backend: Backend  # the backend that opened the context, "egl" or "osmesa"
     renderer: str  # the driver's name for itself (GL_RENDERER), for the provenance of every pair
     process: int  # id of the process that opened the context
@@ -162,8 +162,8 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
         version = gl.info["GL_VERSION"]
         gl.release()
         raise BackendError(f"OpenGL 4.5 is needed, but {renderer} offers {version}: update the driver or Mesa")
-    unbound = UnboundCalls(raw.load)
-    unbound.set_up()
+    functions = GLFunctions(raw.load)
+    functions.set_up()
     # moderngl queries limits that some drivers do not know; this leaves errors behind.
     gl.clear_errors()
-    return GraphicsContext(gl, unbound, backend, renderer, os.getpid(), get_ident())
+    return GraphicsContext(gl, functions, backend, renderer, os.getpid(), get_ident())

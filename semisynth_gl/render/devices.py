@@ -24,7 +24,7 @@ _VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class EglDevice:
     """An EGL device."""
 
     index: int  # EGL's number of the device: ``device_index``
@@ -34,7 +34,7 @@ class Device:
 
 
 @cache
-def egl_devices() -> tuple[Device, ...]:
+def egl_devices() -> tuple[EglDevice, ...]:
     """List EGL's devices, in EGL's order (which is not CUDA's); empty where EGL is missing or cannot list devices.
 
     CUDA_VISIBLE_DEVICES hides no device from EGL, but it changes the CUDA numbers that EGL reports: only visible GPUs
@@ -46,7 +46,7 @@ def egl_devices() -> tuple[Device, ...]:
     answer = subprocess.run(  # noqa: S603 - this interpreter and this module
         [sys.executable, "-m", __name__], env=environment, capture_output=True, text=True, check=True
     )
-    return tuple(Device(**device) for device in json.loads(answer.stdout))
+    return tuple(EglDevice(**device) for device in json.loads(answer.stdout))
 
 
 def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
@@ -66,7 +66,7 @@ def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
     return egl_index_of_gpu(0, egl_devices(), visible)
 
 
-def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -> int:
+def egl_index_of_gpu(gpu: int, devices: Sequence[EglDevice], visible: str | None) -> int:
     """Return the EGL number of a GPU.
 
     Args:
@@ -99,7 +99,7 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
     return found[0].index
 
 
-def query_devices() -> list[Device]:
+def query_devices() -> list[EglDevice]:
     """List EGL's devices, with CUDA's numbers under this process's CUDA_VISIBLE_DEVICES."""
     load_before_driver()
     try:
@@ -119,7 +119,7 @@ def query_devices() -> list[Device]:
     # EGLAttrib is an integer as wide as a pointer.
     ask_number = function(b"eglQueryDeviceAttribEXT", flag, handle, attribute, ctypes.POINTER(ctypes.c_ssize_t))
     ask_bytes = function(b"eglQueryDeviceBinaryEXT", flag, handle, attribute, ctypes.c_int, ctypes.c_char_p, number)
-    handles, count, devices = (handle * _MOST_DEVICES)(), ctypes.c_int(0), list[Device]()
+    handles, count, devices = (handle * _MOST_DEVICES)(), ctypes.c_int(0), list[EglDevice]()
     if not list_devices or not ask or not list_devices(_MOST_DEVICES, handles, ctypes.byref(count)):
         return []
     for index, device in enumerate(handles[: count.value]):
@@ -134,7 +134,7 @@ def query_devices() -> list[Device]:
         )
         known = cuda.value if cuda.value >= 0 else None
         software = "EGL_MESA_device_software" in extensions
-        devices.append(Device(index, software, known, f"GPU-{UUID(bytes=uuid.raw)}" if has_uuid else None))
+        devices.append(EglDevice(index, software, known, f"GPU-{UUID(bytes=uuid.raw)}" if has_uuid else None))
     return devices
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Eye
-from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.model_buffers import DrawRange
-from semisynth_gl.render.occlusion import Occlusion
+from semisynth_gl.render.model_buffers import InstanceRange
+from semisynth_gl.render.occlusion import OcclusionCuller
 from semisynth_gl.render.options import OF_BOTH_VIEWS
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
@@ -30,7 +30,7 @@ class DrawPass:
     def __init__(self, state: RenderState) -> None:
         self._state, self._options = state, state.options
         self._gl = state.context.gl
-        self._occlusion = Occlusion(state) if state.context.software else None
+        self._occlusion = OcclusionCuller(state) if state.context.software else None
         self._light = None if state.pattern is None else ProjectorLight(state, state.pattern)
         self._attachments = {eye: self._options.attachments(eye) for eye in EYES}
         # Programs by attachments, anisotropy, and whether a projector lights what they draw.
@@ -166,10 +166,10 @@ class DrawPass:
     def _draw_view(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None, targets: EyeTargets) -> None:
         """Draw a part of one eye's view, or all of it, with one sample a pixel."""
         filled = self._state.models.fill(transforms, eye, part)
-        seen: Sequence[DrawRange] = filled
+        seen: Sequence[InstanceRange] = filled
         self._state.constants.write(transforms.scene, eye)
         targets.limit(part)
-        if View.normals.name in targets.names:
+        if ViewArrays.normals.name in targets.names:
             self._state.models.bind_triangles(transforms, eye)
         if self._occlusion is not None:
             seen = self._occlusion.without_hidden(transforms, eye, part, targets, filled)
@@ -203,7 +203,7 @@ class DrawPass:
         image: NDArray[np.uint8] = mean.read("colour", crop)
         return image
 
-    def _draw_models(self, targets: EyeTargets, filled: Sequence[DrawRange], scene: Scene, eye: Eye) -> None:
+    def _draw_models(self, targets: EyeTargets, filled: Sequence[InstanceRange], scene: Scene, eye: Eye) -> None:
         """Draw runs of instances to the targets in use."""
         projector = scene.projector if "colour" in targets.names else None
         if projector is not None and self._light is not None:

@@ -8,7 +8,7 @@ from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.render import occlusion
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import refill
-from semisynth_gl.render.outlines import Outlines
+from semisynth_gl.render.outlines import OutlineFinder
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import EyeTargets, window
@@ -24,19 +24,19 @@ _FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
 _VERTICES, _INSTANCES, _STRIPS = 0, 5, 6
 # Texture units of edges.frag and edges.geom, after those of the atlases and of a projector's light.
 _DRAWN, _FARTHEST = 4, 5
-# Passed instead of the result of `Occlusion.farthest` if nothing is hidden.
+# Passed instead of the result of `OcclusionCuller.farthest` if nothing is hidden.
 _NOTHING_HIDDEN = np.zeros((1, 1, 1, 1), np.float32)
 
 
 class EdgePass:
     """Blends along the outlines of one eye's image; see edges.geom and edges.frag."""
 
-    def __init__(self, state: RenderState, hidden: occlusion.Occlusion | None) -> None:
+    def __init__(self, state: RenderState, hidden: occlusion.OcclusionCuller | None) -> None:
         context, models, self._patches = state.context, state.models, state.patches
         gl = context.gl
         self._gl, self._vertices, self._occlusion = gl, models.vertices, hidden
         self._anisotropies = np.array(state.anisotropies)
-        self._outlines = Outlines(models.meshes, models.vertex_number)
+        self._outlines = OutlineFinder(models.meshes, models.vertex_number)
         defines = {"LARGE": 1} if len(self._patches.ends) > 1 else {}
         lights: dict[bool, dict[str, int]] = {False: {}} if state.pattern is None else {False: {}, True: {"LIT": 1}}
         self._programs = {
@@ -83,7 +83,7 @@ class EdgePass:
         self._vaos[lit].render(moderngl.POINTS, len(strips))
 
     def _use_farthest(self, farthest: NDArray[np.float32]) -> None:
-        """Upload the result of `Occlusion.farthest` and bind it for edges.geom."""
+        """Upload the result of `OcclusionCuller.farthest` and bind it for edges.geom."""
         rows, columns = farthest.shape[2:]
         layers = farthest.reshape(-1, rows, columns)
         if self._farthest.size != (columns, rows, len(layers)):

@@ -41,7 +41,7 @@ _TEXELS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class DrawRange:
+class InstanceRange:
     """A run of instances to draw, with patches of one atlas."""
 
     atlas: int  # number of the atlas
@@ -50,7 +50,7 @@ class DrawRange:
     both_sides: int  # number of instances that may show backs, too
 
 
-class ModelBuffers:
+class SceneBuffers:
     """The models of a renderer on the GPU, and buffers for the instances of one eye's view.
 
     Args:
@@ -101,7 +101,7 @@ class ModelBuffers:
     def __len__(self) -> int:
         return len(self._model_commands)
 
-    def fill(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None = None) -> list[DrawRange]:
+    def fill(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None = None) -> list[InstanceRange]:
         """Upload the instances that one eye may see in a part of its image, or all of it; return runs to draw in order.
 
         There is a run for each atlas; large patches come last, since walls hide least. Within a run, instances that
@@ -132,17 +132,17 @@ class ModelBuffers:
         first, filled = 0, []
         for number in np.unique(atlas):
             count, fronts = int((atlas == number).sum()), int((fronts_only & (atlas == number)).sum())
-            filled.append(DrawRange(int(number), first, fronts, count - fronts))
+            filled.append(InstanceRange(int(number), first, fronts, count - fronts))
             first += count
         return filled
 
     def select(
         self,
-        filled: Sequence[DrawRange],
+        filled: Sequence[InstanceRange],
         numbers: NDArray[np.int64],
         first_triangle: NDArray[np.int64] | None = None,
         triangles: NDArray[np.int64] | None = None,
-    ) -> list[DrawRange]:
+    ) -> list[InstanceRange]:
         """Choose some of the instances that `fill` has uploaded, until its next call; return the runs to draw instead.
 
         Args:
@@ -160,10 +160,10 @@ class ModelBuffers:
         for own in filled:
             ends = own.first, own.first + own.fronts, own.first + own.fronts + own.both_sides
             first, middle, last = np.searchsorted(numbers, ends).tolist()
-            selected.append(DrawRange(own.atlas, first, middle - first, last - middle))
+            selected.append(InstanceRange(own.atlas, first, middle - first, last - middle))
         return selected
 
-    def draw(self, program: moderngl.Program, filled: DrawRange) -> None:
+    def draw(self, program: moderngl.Program, filled: InstanceRange) -> None:
         """Draw a run of uploaded instances into the framebuffer in use."""
         if filled.fronts:
             self._gl.enable(moderngl.CULL_FACE)
@@ -212,7 +212,7 @@ class ModelBuffers:
 
 
 def _whole_rows(numbers: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Pad the content of a texture of `ModelBuffers` to whole rows, at least one."""
+    """Pad the content of a texture of `SceneBuffers` to whole rows, at least one."""
     rows = np.zeros((max(1, ceil(len(numbers) / _PER_ROW)) * _PER_ROW, 4 * _TEXELS), np.uint32)
     rows[: len(numbers)] = numbers
     return rows

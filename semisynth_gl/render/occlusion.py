@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.model_buffers import DrawRange
+from semisynth_gl.render.model_buffers import InstanceRange
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import EyeTargets, window
@@ -39,7 +39,7 @@ _WHICH_END = np.indices((2, 2, 2)).reshape(3, 8).T
 
 
 @dataclass(frozen=True, slots=True)
-class _Runs:
+class _TriangleRuns:
     """The triangles of all M models in R runs of about 128, model by model."""
 
     corners: NDArray[np.float64]  # (R, 8, 3) corners of the runs' bounding boxes, in model units
@@ -49,18 +49,18 @@ class _Runs:
     count: NDArray[np.int64]  # (M,) number of runs of each model
 
 
-class Occlusion:
+class OcclusionCuller:
     """Finds hidden instances and triangles."""
 
     def __init__(self, state: RenderState) -> None:
         context, models = state.context, state.models.meshes
-        self._gl, self._unbound, self._models = context.gl, context.unbound, state.models
+        self._gl, self._functions, self._models = context.gl, context.functions, state.models
         self._triangles = np.array([len(mesh.triangles) for mesh in models])
         self._corners = np.stack([_corners(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models])
         self._program = link_program(context, "mesh.vert", "mesh.frag", {})
 
     @cached_property
-    def _runs(self) -> _Runs:
+    def _runs(self) -> _TriangleRuns:
         corners, first_triangle, triangles = [], [], []
         for mesh in self._models.meshes:
             begin = np.arange(0, max(1, len(mesh.triangles) - _RUN_TRIANGLES // 2), _RUN_TRIANGLES)
@@ -74,7 +74,7 @@ class Occlusion:
             triangles.append(np.diff(begin, append=len(mesh.triangles)))
         count = np.array([len(begin) for begin in first_triangle])
         parts = np.concatenate(corners), np.concatenate(first_triangle), np.concatenate(triangles)
-        return _Runs(*parts, np.cumsum(count) - count, count)
+        return _TriangleRuns(*parts, np.cumsum(count) - count, count)
 
     def without_hidden(
         self,
@@ -82,9 +82,9 @@ class Occlusion:
         eye: Eye,
         part: Crop | None,
         targets: EyeTargets,
-        filled: Sequence[DrawRange],
-    ) -> Sequence[DrawRange]:
-        """Return runs to draw instead of ``filled``, the result of `ModelBuffers.fill`, without what is hidden.
+        filled: Sequence[InstanceRange],
+    ) -> Sequence[InstanceRange]:
+        """Return runs to draw instead of ``filled``, the result of `SceneBuffers.fill`, without what is hidden.
 
         The constants of the eye's drawing pass must be bound. With few triangles, ``filled`` itself is returned; else
         the depth of the eye's targets is overwritten.
@@ -136,9 +136,9 @@ class Occlusion:
         boxes[4] *= _STRIPS_NEARER
         return seen[~_hidden(farthest, window(part, targets.framebuffer.size)[2:], boxes)], farthest
 
-    def _draw_depth(self, targets: EyeTargets, part: Crop | None, filled: Sequence[DrawRange]) -> None:
+    def _draw_depth(self, targets: EyeTargets, part: Crop | None, filled: Sequence[InstanceRange]) -> None:
         targets.use_depth(part)
-        self._unbound.clear_depth(0.0)
+        self._functions.clear_depth(0.0)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         # Everything that is drawn later must pass the depth test, even these surfaces and surfaces at the same depth.

@@ -18,7 +18,7 @@ from semisynth_gl.frame.channels import (
     TRUTH_VIEWS,
     Channel,
     TruthViews,
-    View,
+    ViewArrays,
 )
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, shown
@@ -40,7 +40,7 @@ def pass_of(channel: Channel[Any]) -> str:
 
 def attachment_of(channel: Channel[Any]) -> str:
     """Return the name of the attachment that holds a channel after its pass."""
-    return "colour" if channel is View.image else channel.name.replace("flow_backward", "flow")
+    return "colour" if channel is ViewArrays.image else channel.name.replace("flow_backward", "flow")
 
 
 @dataclass(frozen=True)

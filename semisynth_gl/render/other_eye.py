@@ -31,7 +31,7 @@ class VisibilityPass:
         self._state.models.bind_triangles(pair.transforms, other)
         self._state.constants.write(pair.transforms.scene, other)
         targets.framebuffer.use()
-        self._state.context.unbound.clear_unsigned(0, VISIBLE)
+        self._state.context.functions.clear_unsigned(0, VISIBLE)
         self._steps.run(pair.area)
 
 

@@ -16,10 +16,10 @@ from semisynth_gl.render.instance_transforms import InstanceTransforms
 _MOST_AT_ONCE = 2**16
 
 
-class Outlines:
+class OutlineFinder:
     """Finds the outlines in scenes that are made of these models.
 
-    ``vertex_number`` is that of `ModelBuffers`; results use its numbers.
+    ``vertex_number`` is that of `SceneBuffers`; results use its numbers.
     """
 
     def __init__(self, models: Sequence[Mesh], vertex_number: NDArray[np.uint32]) -> None:

@@ -55,11 +55,13 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
         )
     # moderngl only creates the texture object. We allocate its storage, since moderngl's has no mipmap levels.
     atlas = context.gl.texture_array((1, 1, 1), 4)
-    context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers), software=context.software)
+    context.functions.store_layers(
+        atlas.glo, side.bit_length(), np.ascontiguousarray(layers), software=context.software
+    )
     _draw_levels(context, atlas, side, count)
     atlas.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     if mirrored:
-        context.unbound.mirror_beyond_border(atlas.glo)
+        context.functions.mirror_beyond_border(atlas.glo)
     return atlas
 
 
@@ -69,7 +71,7 @@ def _draw_levels(context: GraphicsContext, atlas: moderngl.TextureArray, side: i
     The bytes equal those of llvmpipe's own mipmaps. But llvmpipe compiles its mipmap code again in each context, which
     dominates the time to open a renderer. It caches our shaders instead.
     """
-    gl, unbound = context.gl, context.unbound
+    gl, functions = context.gl, context.functions
     in_use = gl.fbo
     program = link_program(context, "level.vert", "level.frag", {}, "level.geom")
     draw = gl.vertex_array(program, [])
@@ -81,11 +83,11 @@ def _draw_levels(context: GraphicsContext, atlas: moderngl.TextureArray, side: i
     atlas.filter = (moderngl.LINEAR, moderngl.LINEAR)
     atlas.use(_UNIT)
     for level in range(1, side.bit_length()):
-        unbound.read_levels(atlas.glo, level - 1, level - 1)
-        unbound.draw_to_level(framebuffer.glo, atlas.glo, level)
+        functions.read_levels(atlas.glo, level - 1, level - 1)
+        functions.draw_to_level(framebuffer.glo, atlas.glo, level)
         framebuffer.viewport = (0, 0, side >> level, side >> level)
         draw.render(moderngl.TRIANGLE_FAN, 4, instances=count)
-    unbound.read_levels(atlas.glo, 0, side.bit_length() - 1)
+    functions.read_levels(atlas.glo, 0, side.bit_length() - 1)
     in_use.use()
     for resource in (framebuffer, whole, draw, program):
         resource.release()

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.render.flow import FlowPass, place_moved
 from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.options import attachment_of
@@ -50,7 +50,7 @@ class ReadbackPass:
         rectified = pair.transforms.scene.camera.rectified
         for channel in self._options.drawn_by("drawing"):
             drawn = eye in self._options.truth_eyes and (rectified or channel.name not in CORRESPONDENCE)
-            if channel.name not in view and (channel is View.image or drawn):
+            if channel.name not in view and (channel is ViewArrays.image or drawn):
                 view[channel.name] = targets.read(attachment_of(channel), pair.crop)
         if self._visibility is not None and rectified and eye in self._options.truth_eyes:
             view["visibility"] = pair.pool.computed(f"visibility {eye}", VISIBILITY).read("visibility", pair.crop)

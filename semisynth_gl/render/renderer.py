@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, TruthViews, View
+from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, TruthViews, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.arguments import check_one_of, to_whole
@@ -27,7 +27,7 @@ from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.draw_pass import DrawPass
 from semisynth_gl.render.instance_transforms import TransformComposer
-from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.model_buffers import SceneBuffers
 from semisynth_gl.render.options import OF_BOTH_VIEWS, RenderOptions
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readback_pass import ReadbackPass
@@ -116,7 +116,7 @@ class Renderer:
             with self._gl:
                 patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
                 self._composer = TransformComposer(models)
-                buffers = ModelBuffers(self._gl, models, patches.ends, traced=self._options.reads_triangles)
+                buffers = SceneBuffers(self._gl, models, patches.ends, traced=self._options.reads_triangles)
                 anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
                 constants = ConstantsBuffer(self._gl, signed=signed)
                 self._state = RenderState(
@@ -224,7 +224,7 @@ class Renderer:
                 self._reading.read(pair, {name: motion and motion.seen_by(camera) for name, motion in motions.items()})
                 self._finish("readback")
                 shown_camera = camera if crop is None else camera.cropped(crop)
-                frames.append(Frame(shown_camera, View(pair.views["left"]), View(pair.views["right"])))
+                frames.append(Frame(shown_camera, ViewArrays(pair.views["left"]), ViewArrays(pair.views["right"])))
         for name, array in frames[0].left.items() if len(frames) > 1 else ():
             if name not in OF_BOTH_VIEWS:
                 array.flags.writeable = False
@@ -303,7 +303,7 @@ class Renderer:
             except moderngl.Error as error:
                 raise self._fault(str(error)) from None
             reported = self._gl.error
-            if reported != _NO_ERROR or self._context.unbound.is_lost():
+            if reported != _NO_ERROR or self._context.functions.is_lost():
                 raise self._fault(reported)
 
     def _check_open(self) -> None:
@@ -318,7 +318,7 @@ class Renderer:
     def _fault(self, error: str) -> BackendError:
         """Return the error to raise for a drawing that failed."""
         # moderngl knows all errors of a working context; an unknown error means that the context is lost.
-        if self._context.unbound.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
+        if self._context.functions.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
         return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.model_buffers import SceneBuffers
 from semisynth_gl.render.options import RenderOptions
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readers import PixelReader
@@ -18,7 +18,7 @@ class RenderState:
     """A renderer's context with its models, patches and constants, and its options."""
 
     context: GraphicsContext
-    models: ModelBuffers
+    models: SceneBuffers
     patches: PatchTextures
     anisotropies: tuple[int, ...]  # for each atlas, the maximum number of samples of a patch for one pixel
     constants: ConstantsBuffer

@@ -82,7 +82,7 @@ class Targets:
         read: PixelReader,
         depth_buffer: moderngl.Renderbuffer | None = None,
     ) -> None:
-        self._unbound, self._read, self.attachments = context.unbound, read, attachments
+        self._functions, self._read, self.attachments = context.functions, read, attachments
         gl = context.gl
         try:
             # Some drivers cannot draw into formats of three components.
@@ -193,7 +193,7 @@ class EyeTargets(Targets):
                 f"{limit} px a side: lower camera.width_px or camera.height_px, or the factor of antialias"
             )
         self._depth_buffer = context.gl.depth_renderbuffer(size)
-        context.unbound.make_depth_float32(self._depth_buffer.glo, *size)
+        context.functions.make_depth_float32(self._depth_buffer.glo, *size)
         attachments = {name: _GREY if grey and name == "colour" else DRAWING[name] for name in names}
         super().__init__(context, size, attachments, read, self._depth_buffer)
         self._depth_alone = context.gl.framebuffer(depth_attachment=self._depth_buffer)
@@ -219,11 +219,11 @@ class EyeTargets(Targets):
         self.framebuffer.use()
         for number, attachment in enumerate(self.attachments.values()):
             if attachment.kind.startswith("u"):
-                self._unbound.clear_unsigned(number, int(attachment.nothing))
+                self._functions.clear_unsigned(number, int(attachment.nothing))
             else:
-                self._unbound.clear_float(number, attachment.nothing)
+                self._functions.clear_float(number, attachment.nothing)
         if depth:
-            self._unbound.clear_depth(0.0)
+            self._functions.clear_depth(0.0)
 
     def use_depth(self, part: Crop | None) -> None:
         """Bind a framebuffer with only the drawing pass's depth, for a part of the image or all of it."""

@@ -27,15 +27,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semisynth_gl.cache import Entry, cached
+from semisynth_gl.cache import CacheEntry, cached
 from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.geometry.silhouette import Silhouette
+from semisynth_gl.geometry.relief import MeanRelief
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
-from semisynth_gl.scene.floor_scene import Catalogue
+from semisynth_gl.scene.floor_scene import ModelCatalogue
 from semisynth_gl.scene.particles import ParticleBatch, ParticleSizes, expected_cover, expected_in_view, stated_sizes
 from semisynth_gl.scene.rig import check_reachable, near_depth_m, relief_px
 from semisynth_gl.scene.structures import sample_static_scene
@@ -68,7 +68,7 @@ _LEAST_OF_AIM = 0.1
 _POPULATED = 0.5
 
 
-class Pilot(NamedTuple):
+class PilotScene(NamedTuple):
     """A pilot scene: a static scene, without particles."""
 
     camera: StereoCamera
@@ -95,14 +95,14 @@ class _Aim(NamedTuple):
 class DisparitySolver:
     """Solves for the numbers of particles in the scenes of one recipe of a dataset.
 
-    ``silhouette`` is the mean silhouette of the models. ``catalogue`` has the models of pilot scenes. ``wanted`` is the
+    ``relief`` is the mean relief of the models. ``catalogue`` has the models of pilot scenes. ``wanted`` is the
     wanted distribution, by default the config's. ``target`` is the same in bins that depth layers can follow.
     """
 
     def __init__(
-        self, config: Config, seed: int, silhouette: Silhouette, catalogue: Catalogue, wanted: Histogram | None = None
+        self, config: Config, seed: int, relief: MeanRelief, catalogue: ModelCatalogue, wanted: Histogram | None = None
     ) -> None:
-        self._config, self._seed, self._silhouette, self._catalogue = config, seed, silhouette, catalogue
+        self._config, self._seed, self._relief, self._catalogue = config, seed, relief, catalogue
         own, particles = config.wanted_histogram(), config.particles
         self.target = merge_bins(wanted or own)
         self._solved = particles.layers is None
@@ -221,7 +221,7 @@ class DisparitySolver:
         return float(np.mean(in_view))
 
     @cached_property
-    def _pilots(self) -> list[Pilot]:
+    def _pilots(self) -> list[PilotScene]:
         return sample_pilots(self._config, self._seed, self._catalogue)
 
     def _views(self, pilots: Sequence[tuple[StereoCamera, Floats]], sizes: ParticleSizes) -> _Views:
@@ -233,7 +233,7 @@ class DisparitySolver:
             exceedances.append(self._exceedance(layers, edges[1:-1], camera, sizes))
             background = np.clip(np.searchsorted(edges, np.median(bare_px)) - 1, 0, len(layers) - 1)
             least.append(np.where((np.arange(len(layers)) == background) & layers.has_room, _POPULATED, 0.0))
-            cover.append(expected_cover(camera, sizes, layers.middle_px, self._silhouette.fill))
+            cover.append(expected_cover(camera, sizes, layers.middle_px, self._relief.fill))
         return _Views(np.array(bare), np.array(exceedances), np.array(least), np.array(cover))
 
     def _bare_shares(self, camera: StereoCamera, bare_px: Floats) -> Floats:
@@ -243,7 +243,7 @@ class DisparitySolver:
         covered = np.zeros(len(inner))
         for disparity_px, count, sizes in self._stated:
             layer = DepthLayers(np.array([disparity_px.low]), np.array([disparity_px.high]))
-            cover = expected_cover(camera, sizes, layer.middle_px, self._silhouette.fill)[0]
+            cover = expected_cover(camera, sizes, layer.middle_px, self._relief.fill)[0]
             covered += cover * count.middle * self._exceedance(layer, inner, camera, sizes)[0]
         return np.asarray(np.searchsorted(np.sort(bare_px), inner) / len(bare_px) * np.exp(-covered))
 
@@ -251,7 +251,7 @@ class DisparitySolver:
         disparity, drift = self._config.disparity, self._config.particles.drift
         near_m = near_depth_m(camera, disparity)
         most_px = relief_px(camera, disparity.min_px, near_m)
-        return layers.exceedance(edges_px, camera, drift, sizes, self._silhouette.heights, near_m, most_px)
+        return layers.exceedance(edges_px, camera, drift, sizes, self._relief.heights, near_m, most_px)
 
 
 def poisson_counts(mean: Floats, quantile: Floats) -> Ints:
@@ -265,7 +265,7 @@ def poisson_counts(mean: Floats, quantile: Floats) -> Ints:
     return np.asarray((below <= quantile[:, None]).sum(axis=1))
 
 
-def sample_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
+def sample_pilots(config: Config, seed: int, catalogue: ModelCatalogue) -> list[PilotScene]:
     """Sample the 32 pilot scenes of a recipe, or load them from the cache; raises as `sample_static_scene` does.
 
     Each process that renders a dataset needs them before its first pair, and furnishing a room takes longer than
@@ -285,19 +285,19 @@ def sample_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot
             "models": models.hexdigest(),
         }
 
-    def sample(number: int) -> Pilot:
+    def sample(number: int) -> PilotScene:
         generators = {purpose: generator(seed, Purpose.PILOTS, number, k) for k, purpose in enumerate(_PURPOSES)}
         static = sample_static_scene(config, catalogue, generators.__getitem__)
-        return Pilot(static.rig.camera, static.bare_px)
+        return PilotScene(static.rig.camera, static.bare_px)
 
     return cached("pilots", cache_key, build=lambda: [*map(sample, range(_PILOTS))], pack=_packed, unpack=_unpacked)
 
 
-def _packed(pilots: Sequence[Pilot]) -> Entry:
+def _packed(pilots: Sequence[PilotScene]) -> CacheEntry:
     cameras = [pilot.camera.values() for pilot in pilots]
-    return Entry({"cameras": cameras}, {"bare_px": np.array([pilot.bare_px for pilot in pilots])})
+    return CacheEntry({"cameras": cameras}, {"bare_px": np.array([pilot.bare_px for pilot in pilots])})
 
 
-def _unpacked(entry: Entry) -> list[Pilot]:
+def _unpacked(entry: CacheEntry) -> list[PilotScene]:
     both = zip(entry.values["cameras"], entry.arrays["bare_px"], strict=True)
-    return [Pilot(StereoCamera.from_values(values), bare_px) for values, bare_px in both]
+    return [PilotScene(StereoCamera.from_values(values), bare_px) for values, bare_px in both]

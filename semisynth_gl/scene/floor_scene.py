@@ -46,7 +46,7 @@ def camera_over_floor(height_m: float, yaw_rad: float, pitch_rad: float, roll_ra
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Catalogue:
+class ModelCatalogue:
     """The M models of static instances, `SURFACE_MODELS` and then the library's models, and their extents."""
 
     models: tuple[Mesh, ...]
@@ -71,7 +71,7 @@ class FloorSceneBuilder:
 
     rig: SequenceRig
     camera_from_floor: Floats  # (4, 4), metres
-    catalogue: Catalogue
+    catalogue: ModelCatalogue
     metre: float  # length of one metre of the room or street in true metres; not 1 if everything is scaled
     rng: np.random.Generator
     farthest_m: float = np.inf  # maximum depth in all views, if the walls could be brought in that far

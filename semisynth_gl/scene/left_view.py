@@ -10,7 +10,7 @@ import numpy as np
 
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.silhouette import covered_cells
+from semisynth_gl.geometry.relief import covered_cells
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.instances import Instances, to_scene
 from semisynth_gl.scene.scene import Scene, placed_vertices

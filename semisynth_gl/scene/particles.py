@@ -18,7 +18,7 @@ import numpy as np
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import DepthLayerSection, ParticlesSection
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.geometry.silhouette import sample_scales
+from semisynth_gl.geometry.relief import sample_scales
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.rig import SequenceRig, rotation_about_axis, rotation_from_quaternion
 from semisynth_gl.scene.view_volume import VerticalExtent, clear_depth_m, vertical_extent
@@ -112,7 +112,7 @@ class ParticleBatch(NamedTuple):
 def expected_cover(camera: StereoCamera, sizes: ParticleSizes, disparity_px: Floats, fill: float) -> Floats:
     """Return the coverage that one particle adds at disparities (K,): the mean number of times it covers a pixel, (K,).
 
-    The pixels are those of the left view. ``fill`` is that of the models' mean `Silhouette`.
+    The pixels are those of the left view. ``fill`` is that of the models' mean `MeanRelief`.
     """
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)

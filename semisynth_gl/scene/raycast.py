@@ -23,7 +23,7 @@ _BOX_MARGIN_PX = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hits:
+class RayHits:
     """The first surfaces that R rays hit."""
 
     depth_m: Floats  # (R,) planar depth in the eye's view; inf where a ray hits the sky or nothing
@@ -31,7 +31,7 @@ class Hits:
     triangle: Ints  # (R,) index into the triangles of the instance's model; -1 where a ray hits nothing
 
 
-def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats) -> Hits:
+def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats) -> RayHits:
     """Cast rays from one eye through R pixel positions; whole numbers are the centres of pixels.
 
     Among surfaces at the same depth, a ray hits the first instance and triangle. Rays pass through surfaces nearer than
@@ -43,7 +43,7 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()
     rays = camera.rays_of_eye(eye, x, y)
-    hits = Hits(np.full(len(x), np.inf), np.full(len(x), -1), np.full(len(x), -1))
+    hits = RayHits(np.full(len(x), np.inf), np.full(len(x), -1), np.full(len(x), -1))
     by_row = np.argsort(y)
     sorted_x, sorted_y = x[by_row], y[by_row]
     for number in range(len(scene)):

@@ -10,7 +10,7 @@ import numpy as np
 
 from semisynth_gl.config import Config, Range
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
-from semisynth_gl.frame.camera import RECTIFIED, Deviation, StereoCamera
+from semisynth_gl.frame.camera import RECTIFIED, CameraDeviation, StereoCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
 from semisynth_gl.seeds.seeds import Purpose
@@ -122,7 +122,7 @@ def sample_rig(config: Config, generator_for: Callable[[Purpose], np.random.Gene
     if not section.none():
         rng = generator_for(Purpose.RIG)
         roll, pitch = (np.deg2rad(deg.sample(rng)).item() for deg in (section.right_roll_deg, section.right_pitch_deg))
-        deviation = Deviation(roll, pitch, section.right_y_px.sample(rng), section.focal_ratio.sample(rng))
+        deviation = CameraDeviation(roll, pitch, section.right_y_px.sample(rng), section.focal_ratio.sample(rng))
         twins = (deviation, RECTIFIED) if section.twin else (deviation,)
         views = tuple(replace(view, deviation=each) for view in views for each in twins)
     rig = SequenceRig(views, sway=sample_sway(config.camera, generator_for(Purpose.SWAY)))

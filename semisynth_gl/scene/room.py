@@ -8,7 +8,7 @@ from semisynth_gl.config import Config, Range
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.background import sample_wall_px
-from semisynth_gl.scene.floor_scene import Catalogue, Corner, FloorSceneBuilder, Wall, camera_over_floor
+from semisynth_gl.scene.floor_scene import Corner, FloorSceneBuilder, ModelCatalogue, Wall, camera_over_floor
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.view_volume import corner_rays, deepest_m, fit_box
@@ -54,7 +54,9 @@ DOORWAYS: Final = tuple(_pierced(*_hole(k, _DOORWAY_ROWS), "wall with a doorway"
 NICHES: Final = tuple(_pierced(*_hole(k, _NICHE_ROWS), "wall with a niche") for k in range(len(_HOLES)))
 
 
-def sample_room(config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.random.Generator) -> FloorSceneBuilder:
+def sample_room(
+    config: Config, rig: SequenceRig, catalogue: ModelCatalogue, rng: np.random.Generator
+) -> FloorSceneBuilder:
     """Sample a furnished room, all of it beyond the near plane; raises InputError as `sample_wall_px` does."""
     section, background, camera = config.room, config.background, rig.camera
     wall_px = sample_wall_px(config, camera, rng)

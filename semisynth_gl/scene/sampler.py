@@ -53,7 +53,7 @@ class SceneSampler:
         self.config, self.seed, self.patches, self.recipe = config, seed, patches, recipe
         self.catalogue = make_catalogue(library)
         self.models = self.catalogue.models  # `Scene.model` indexes them: the surface models, then the library's
-        self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self.catalogue, wanted)
+        self.disparity_solver = DisparitySolver(config, seed, library.relief, self.catalogue, wanted)
         self.mapping = PatchMapping(config.textures, patches)
         self.particle_models = len(SURFACE_MODELS) + library.sampled
         self.chances = np.cumsum(library.chances)

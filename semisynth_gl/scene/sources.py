@@ -26,7 +26,7 @@ _LEVELS = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sources:
+class SceneSources:
     """The patches and the models of a split's pairs, and a projector's pattern."""
 
     atlas: Atlas  # in grey if the config's cameras are monochrome
@@ -45,7 +45,7 @@ class Sources:
         """The user's models that could not be used, with the reasons."""
         return tuple(dict.fromkeys(skipped for library in self.libraries for skipped in library.skipped))
 
-    def without_pixels(self) -> "Sources":
+    def without_pixels(self) -> "SceneSources":
         """Return the sources without the patches' pixels, which take hundreds of MB in a full atlas."""
         atlas = self.atlas
         empty, large = (np.zeros((0, *layers.shape[1:]), np.uint8) for layers in (atlas.layers, atlas.large_layers))
@@ -68,10 +68,10 @@ class Sources:
             models = crc32(np.ascontiguousarray(mesh.triangles), models)
             for lengths in (mesh.positions, mesh.uv):
                 models = crc32(_rounded(lengths, _LENGTH), models)
-        # The number of particles depends on the silhouette.
+        # The number of particles depends on the mean relief.
         for library in self.libraries:
-            silhouette = library.silhouette
-            for numbers in (np.array([silhouette.fill]), silhouette.heights, library.chances):
+            relief = library.relief
+            for numbers in (np.array([relief.fill]), relief.heights, library.chances):
                 models = crc32(_rounded(numbers, _LENGTH), models)
         digests = {"patches": patches, "models": models}
         if self.pattern is not None and self.pattern_is_read:
@@ -97,7 +97,7 @@ def _means(layers: NDArray[np.uint8]) -> Floats:
     return means
 
 
-def prepare_sources(config: Config, split: Split) -> Sources:
+def prepare_sources(config: Config, split: Split) -> SceneSources:
     """Cut the patches and build the models of a split, or load them from the cache.
 
     Raises:
@@ -110,7 +110,7 @@ def prepare_sources(config: Config, split: Split) -> Sources:
     photographs = split_images(config.textures, split)
     libraries = recipe_libraries(config, split)
     atlas = prepare_atlas(config.textures, split, photographs)
-    return Sources(
+    return SceneSources(
         atlas.in_grey() if config.camera.colour == "grey" else atlas,
         libraries,
         tuple(photographs),

@@ -11,7 +11,7 @@ from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.background import FACE, GROUND, Kind, lay_ground, sample_cuboid, sample_kind, sample_plane
-from semisynth_gl.scene.floor_scene import Catalogue
+from semisynth_gl.scene.floor_scene import ModelCatalogue
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
 from semisynth_gl.scene.left_view import GRID, measure
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig, check_reachable, sample_rig
@@ -53,7 +53,7 @@ class StaticScene:
     farthest_m: float  # maximum depth in the views of a room; inf for other backgrounds
 
 
-def make_catalogue(library: ModelLibrary) -> Catalogue:
+def make_catalogue(library: ModelLibrary) -> ModelCatalogue:
     """Return the catalogue of the surface models and a library's models."""
     chosen = library.sampled[library.chances > 0]
     names = np.array([library.models[number].name for number in chosen])
@@ -63,11 +63,11 @@ def make_catalogue(library: ModelLibrary) -> Catalogue:
         np.array([(array.min(axis=0), array.max(axis=0)) for array in arrays], np.float64).swapaxes(0, 1)
         for arrays in ([mesh.positions for mesh in models], [mesh.uv for mesh in models])
     )
-    return Catalogue(models, by_name, *boxes, *uv)
+    return ModelCatalogue(models, by_name, *boxes, *uv)
 
 
 def sample_static_scene(
-    config: Config, catalogue: Catalogue, generator_for: Callable[[Purpose], np.random.Generator]
+    config: Config, catalogue: ModelCatalogue, generator_for: Callable[[Purpose], np.random.Generator]
 ) -> StaticScene:
     """Sample the static scene of one sequence.
 

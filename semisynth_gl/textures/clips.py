@@ -59,7 +59,7 @@ def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) 
 
 
 @dataclass(slots=True, eq=False)
-class Crop:
+class ClipCrop:
     """A square of a clip.
 
     Attributes:
@@ -91,9 +91,9 @@ class Crop:
             self.frames.append(patch)
 
 
-def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: TexturesSection) -> list[Crop]:
+def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: TexturesSection) -> list[ClipCrop]:
     """Return the crops of a part of an image, sorted by side, row and column; none if the part is too small."""
-    crops = [Crop(square) for square in cover(name, part, section.patch_px, section.scales)]
+    crops = [ClipCrop(square) for square in cover(name, part, section.patch_px, section.scales)]
     for crop in crops:
         crop.add_frame(image, section)
     return crops
@@ -101,14 +101,14 @@ def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: Tex
 
 def read_clip(
     clip: Sequence[Path], names: Mapping[Path, str], section: TexturesSection
-) -> tuple[list[str], list[Crop], list[Skipped]]:
+) -> tuple[list[str], list[ClipCrop], list[Skipped]]:
     """Read a clip, one frame at a time.
 
     ``clip`` has the files of its frames (a still image has one), and ``names`` has the name of each file. Returns the
     names of the frames, the crops, and the files that were skipped: unreadable files, and frames whose size or EXIF
     orientation differs from the first frame's.
     """
-    used, crops, skipped = list[str](), list[Crop](), list[Skipped]()
+    used, crops, skipped = list[str](), list[ClipCrop](), list[Skipped]()
     shape: tuple[int, ...] = ()
     for path in clip:
         try:

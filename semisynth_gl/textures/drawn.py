@@ -6,7 +6,7 @@ import numpy as np
 
 from semisynth_gl.textures import prints, surfaces
 from semisynth_gl.textures.canvas import Pixels
-from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.pictures import PaintedPicture
 
 PLAIN: tuple[Callable[[np.random.Generator], Pixels], ...] = (surfaces.painted, surfaces.plaster, surfaces.sky)
 """The kinds with little contrast."""
@@ -20,8 +20,8 @@ KINDS: tuple[Callable[[np.random.Generator], Pixels], ...] = (
 """The kinds of pictures: each function paints a picture, (`SIDE_PX`, `SIDE_PX`, 3) uint8, given only a generator."""
 
 
-def drawn_pictures(rng: np.random.Generator) -> Iterator[Picture]:
+def drawn_pictures(rng: np.random.Generator) -> Iterator[PaintedPicture]:
     """Paint a picture of each kind, in random order, named like ``drawn/tartan``."""
     for number in rng.permutation(len(KINDS)):
         kind = KINDS[int(number)]
-        yield Picture(f"drawn/{kind.__name__.replace('_', '-')}", kind(rng))
+        yield PaintedPicture(f"drawn/{kind.__name__.replace('_', '-')}", kind(rng))

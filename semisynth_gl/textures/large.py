@@ -13,14 +13,14 @@ from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import inside_borders
 from semisynth_gl.textures.crops import Square, cut_crop, texture_measure
 from semisynth_gl.textures.images import read_image
-from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.pictures import PaintedPicture
 
 MOST_LARGE = 24
 """Maximum number of large patches of an atlas; with sides of 1024 pixels they need 100 MB."""
 
 
 def with_large_patches(
-    atlas: Atlas, images: Mapping[str, Path | Picture], section: TexturesSection, rng: np.random.Generator
+    atlas: Atlas, images: Mapping[str, Path | PaintedPicture], section: TexturesSection, rng: np.random.Generator
 ) -> Atlas:
     """Return an atlas with large patches added: one for each subject, up to `MOST_LARGE`.
 
@@ -39,7 +39,7 @@ def with_large_patches(
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
     for number, name in enumerate(order, start=len(atlas.layers)):
         image = images[name]
-        pixels = image.pixels if isinstance(image, Picture) else read_image(image)
+        pixels = image.pixels if isinstance(image, PaintedPicture) else read_image(image)
         inside = inside_borders(pixels)
         side = min(inside.height_px, inside.width_px)
         left, top = (int(rng.integers(free + 1)) for free in (inside.width_px - side, inside.height_px - side))

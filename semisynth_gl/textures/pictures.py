@@ -9,7 +9,7 @@ from semisynth_gl.inputs.errors import InputError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class PaintedPicture:
     """A painted picture, (H, W, 3) uint8 RGB, top row first, under a name such as ``drawn/tartan``.
 
     Names are unique within a source. Raises InputError if the pixels have a wrong shape or type.

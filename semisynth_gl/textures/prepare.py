@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from semisynth_gl.cache import Entry, cached, file_states
+from semisynth_gl.cache import CacheEntry, cached, file_states
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
@@ -16,7 +16,7 @@ from semisynth_gl.textures.atlas import Atlas, Patch
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.large import with_large_patches
-from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import describe_source, open_source
@@ -72,13 +72,13 @@ def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> At
     pictures = paint and paint(generator(split.seed, Purpose.PICTURES))
     if not section.large_px or section.sequence:
         return build_atlas(images, section, rng, pictures)
-    painted: dict[str, Picture] = {}
+    painted: dict[str, PaintedPicture] = {}
     atlas = build_atlas(images, section, rng, pictures and _remembered(pictures, painted))
     by_name = {name: path for path, name in relative_names(images).items()} | painted
     return with_large_patches(atlas, by_name, section, generator(split.seed, Purpose.LARGE_PATCHES))
 
 
-def _remembered(pictures: Iterable[Picture], painted: dict[str, Picture]) -> Iterator[Picture]:
+def _remembered(pictures: Iterable[PaintedPicture], painted: dict[str, PaintedPicture]) -> Iterator[PaintedPicture]:
     """Yield pictures, and keep the first of them in ``painted``, by name, to cut large patches from them later."""
     for picture in pictures:
         if len(painted) < _REMEMBERED:
@@ -120,14 +120,14 @@ def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: st
     return set(chain.from_iterable(split.share(subjects, what, _PHOTOGRAPHS)))
 
 
-def pack_atlas(atlas: Atlas) -> Entry:
+def pack_atlas(atlas: Atlas) -> CacheEntry:
     """Turn an atlas into an entry of the cache."""
     report = TypeAdapter(TextureReport).dump_python(atlas.report, mode="json")
     values = {"patches": [asdict(patch) for patch in atlas.patches], "report": report, "pictures": atlas.pictures}
-    return Entry(values, {"layers": atlas.layers, "large_layers": atlas.large_layers})
+    return CacheEntry(values, {"layers": atlas.layers, "large_layers": atlas.large_layers})
 
 
-def unpack_atlas(entry: Entry) -> Atlas:
+def unpack_atlas(entry: CacheEntry) -> Atlas:
     """Turn an entry of the cache back into an equal atlas."""
     patches = tuple(Patch(**patch) for patch in entry.values["patches"])
     report = TypeAdapter(TextureReport).validate_python(entry.values["report"])

@@ -13,11 +13,11 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError, Skipped, counted
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import Rectangle
-from semisynth_gl.textures.clips import Crop, cut_clips, cut_crops, read_clip
+from semisynth_gl.textures.clips import ClipCrop, cut_clips, cut_crops, read_clip
 from semisynth_gl.textures.crop_report import CropCount, TextureReport
 from semisynth_gl.textures.crops import DuplicateFinder
 from semisynth_gl.textures.image_files import relative_names
-from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.subjects import subject_numbers
 
 PATCHES_PER_SUBJECT = 4
@@ -29,7 +29,7 @@ def build_atlas(
     images: Sequence[Path],
     section: TexturesSection,
     rng: np.random.Generator,
-    pictures: Iterable[Picture] | None = None,
+    pictures: Iterable[PaintedPicture] | None = None,
 ) -> Atlas:
     """Crop squares out of images, and keep crops that have texture, are sharp, and differ from each other.
 
@@ -64,7 +64,7 @@ def build_atlas(
     painted: dict[str, str] = {}
     in_turn = zip_longest(list(pending.items()), enumerate(pictures or (), start=len(clips)))
     for number, image in filter(None, chain.from_iterable(in_turn)):
-        if isinstance(image, Picture):
+        if isinstance(image, PaintedPicture):
             painted[image.name] = hashlib.sha256(image.pixels.tobytes()).hexdigest()
             height, width = image.pixels.shape[:2]
             used = [image.name]
@@ -109,8 +109,8 @@ class _Opened:
 
     subject: int
     frames: list[str]
-    crops: list[Crop]
-    kept: list[Crop]
+    crops: list[ClipCrop]
+    kept: list[ClipCrop]
 
 
 def _by_subject(opened: Mapping[int, _Opened]) -> list[list[_Opened]]:
@@ -162,14 +162,14 @@ def _report(opened: Mapping[int, _Opened], skipped: Iterable[Skipped], not_opene
     )
 
 
-def _counts(crops: Sequence[Crop]) -> Iterator[CropCount]:
+def _counts(crops: Sequence[ClipCrop]) -> Iterator[CropCount]:
     """Yield the numbers of an image's crops with each outcome, by increasing side."""
     for side, of_side in groupby(crops, lambda crop: crop.square.side_px):
         outcomes = Counter[str](crop.outcome for crop in of_side)
         yield CropCount(crops[0].square.source, side, **outcomes)
 
 
-def _alternate_sides(crops: Sequence[Crop], rng: np.random.Generator) -> list[Crop]:
+def _alternate_sides(crops: Sequence[ClipCrop], rng: np.random.Generator) -> list[ClipCrop]:
     """Return crops in random order with alternating sides, beginning with a random side."""
     sides = np.array([crop.square.side_px for crop in crops], dtype=np.int64)
     queues = [rng.permutation(np.flatnonzero(sides == side)) for side in rng.permutation(np.unique(sides))]

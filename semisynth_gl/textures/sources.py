@@ -14,7 +14,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.plugins import Plugin, find_plugin
 from semisynth_gl.textures.drawn import drawn_pictures
 from semisynth_gl.textures.image_files import builtin_licences, builtin_photographs, find_images
-from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.pictures import PaintedPicture
 
 # Maximum number of pictures of a plug-in, which may yield pictures for ever, none of them good enough for a patch.
 _MOST_PICTURES = 10_000
@@ -34,7 +34,7 @@ class TextureSource:
     """
 
     files: Callable[[TexturesSection], Sequence[Path]] = lambda _: ()
-    pictures: Callable[[np.random.Generator], Iterable[Picture]] | None = None
+    pictures: Callable[[np.random.Generator], Iterable[PaintedPicture]] | None = None
     licences: Callable[[], Mapping[str, str]] = dict
     licence: Literal["config", "own", "none"] = "config"
 
@@ -71,8 +71,8 @@ def open_source(name: str) -> TextureSource:
     return TextureSource(pictures=partial(_plugin_pictures, plugin))
 
 
-def _plugin_pictures(plugin: Plugin, rng: np.random.Generator) -> Iterator[Picture]:
+def _plugin_pictures(plugin: Plugin, rng: np.random.Generator) -> Iterator[PaintedPicture]:
     """Yield the pictures of a plug-in, one at a time, with names such as ``prints/00003``."""
     for number, pixels in enumerate(islice(plugin.value(rng), _MOST_PICTURES)):
         # A copy: the plug-in may paint the next picture into the same array.
-        yield Picture(f"{plugin.name}/{number:05d}", np.array(pixels, order="C"))
+        yield PaintedPicture(f"{plugin.name}/{number:05d}", np.array(pixels, order="C"))

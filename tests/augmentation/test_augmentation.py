@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from semisynth_gl.augmentation.augmentation import PRESETS, Augmentation
 from semisynth_gl.augmentation.colour import mean_luminance, recoloured
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
-from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 
@@ -143,7 +143,7 @@ def test_changes_that_are_alike_leave_equal_pixels_equal(brightness, contrast, s
     right = left.copy()
     right[::2] //= 2  # the right image is darker
     camera = StereoCamera.centred(30, 20, 20.0, 0.1)
-    pair = Frame(camera, View({"image": left}), View({"image": right}))
+    pair = Frame(camera, ViewArrays({"image": left}), ViewArrays({"image": right}))
     changed = alike.sample(None, (20, 30), 0, 0).applied(pair, np.random.default_rng(0))
     np.testing.assert_array_equal(changed.left.image[1::2], changed.right.image[1::2])
 

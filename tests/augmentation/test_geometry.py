@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from tiny_datasets import tiny
 
 from semisynth_gl.augmentation.geometry import Warp, mirrored, occluded
-from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
-from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.camera import EYES, CameraDeviation, Crop, StereoCamera
+from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import renderer_options
@@ -65,7 +65,7 @@ def both(draw, warp, sides=(60, 80), corner=(37, 21), fy_over_fx=1.0):
             cx_left_px=moved(camera.cx_left_px, corner[0], warp.scale_x),
             cx_right_px=moved(camera.cx_right_px, corner[0], warp.scale_x),
             cy_px=moved(camera.cy_px, corner[1], warp.scale_y),
-            deviation=Deviation(warp.right_roll_rad, 0.0, warp.right_y_px),
+            deviation=CameraDeviation(warp.right_roll_rad, 0.0, warp.right_y_px),
             fy_over_fx=fy_over_fx * warp.scale_y / warp.scale_x,
         )
 
@@ -164,7 +164,7 @@ def test_a_mirror_turns_directions_and_twice_mirrored_is_unchanged():
 @pytest.mark.parametrize("scales", [(3, 1), (1, 3)])
 def test_the_ways_of_a_stretched_deviating_rig_are_those_of_its_camera(scales):
     pair = make_frame(1)
-    pair = replace(pair, camera=replace(pair.camera, deviation=Deviation(0.03, -0.02, 0.7, 1.02)))
+    pair = replace(pair, camera=replace(pair.camera, deviation=CameraDeviation(0.03, -0.02, 0.7, 1.02)))
     stretched = Warp(*map(float, scales)).applied(pair, (32 * scales[1], 48 * scales[0]))
     # Of three columns or rows, the middle one lies on one of before.
     middle = (slice(scales[1] // 2, None, scales[1]), slice(scales[0] // 2, None, scales[0]))
@@ -188,7 +188,7 @@ def test_no_part_of_a_moved_image_is_out_of_place(texture, eighths, hundredths):
     right_y_px, right_roll_rad = eighths / 8, hundredths / 100
     y, x = np.mgrid[:91, :93].astype(float)
     image = np.rint(TEXTURES[texture](x, y)).astype(np.uint8)
-    view = View({"image": np.stack([image, 255 - image, image], axis=-1)})
+    view = ViewArrays({"image": np.stack([image, 255 - image, image], axis=-1)})
     camera = StereoCamera(93, 91, 80.0, 0.2, 40.0, 45.5, 44.25)
     moved = Warp(1, 1, right_y_px, right_roll_rad, 13).applied(Frame(camera, view, view), (65, 67))
     np.testing.assert_array_equal(moved.left.image, view.image[13:-13, 13:-13])
@@ -220,7 +220,7 @@ def test_what_has_no_disparity_has_none_in_a_moved_pair(movement):
 
 def test_what_a_change_cannot_do_is_refused():
     pair = make_frame(0)
-    crooked = replace(pair, camera=replace(pair.camera, deviation=Deviation(0.01)))
+    crooked = replace(pair, camera=replace(pair.camera, deviation=CameraDeviation(0.01)))
     for change, frame, message in (
         (mirrored, make_frame(0, truth="left"), "mirrored: expected truth of both views"),
         (mirrored, crooked, "mirrored: expected a rectified rig"),
@@ -231,7 +231,9 @@ def test_what_a_change_cannot_do_is_refused():
             change(frame)
 
 
-@pytest.mark.parametrize("deviation", [Deviation(), Deviation(0.03, -0.01, 4), Deviation(-0.04, 0.02, -3)])
+@pytest.mark.parametrize(
+    "deviation", [CameraDeviation(), CameraDeviation(0.03, -0.01, 4), CameraDeviation(-0.04, 0.02, -3)]
+)
 def test_a_rectangle_hides_what_lies_behind_it(deviation):
     pair = make_frame(4)
     pair = replace(pair, camera=replace(pair.camera, deviation=deviation))

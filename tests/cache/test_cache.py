@@ -13,7 +13,7 @@ from PIL import Image
 from tiny_datasets import cheap
 
 from semisynth_gl import cache
-from semisynth_gl.cache import Entry, cache_folder, cached
+from semisynth_gl.cache import CacheEntry, cache_folder, cached
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.model_library import build_library
@@ -181,7 +181,7 @@ def pair(number=0, builds=None):
         lambda: {"number": number},
         work="making pairs",
         build=lambda: (None if builds is None else builds.append(number)) or ([number, 0.1, None, "ä"], *ARRAYS),
-        pack=lambda result: Entry({"head": result[0]}, {"none": result[1], "x": result[2]}),
+        pack=lambda result: CacheEntry({"head": result[0]}, {"none": result[1], "x": result[2]}),
         unpack=lambda entry: (entry.values["head"], entry.arrays["none"], entry.arrays["x"]),
     )
 

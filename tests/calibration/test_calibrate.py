@@ -16,7 +16,7 @@ from skimage.data import stereo_motorcycle
 from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.disparity_range import chosen_range, disparity_range, measured_range
 from semisynth_gl.calibration.draft import describe, is_outdoors
-from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.calibration.rig import RectifiedRig
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.frame.camera import StereoCamera
@@ -42,7 +42,9 @@ def photographs(folder, count=1, size=(741, 500), channels=3):
 
 @pytest.mark.parametrize(("ratio", "written"), [(1.0, None), (1 + 9e-7, None), (1 - 2e-6, 1 - 2e-6), (1.2, 1.2)])
 def test_a_config_gets_both_focal_lengths_unless_they_differ_by_rounding(ratio, written):
-    camera = parse_config(draft(Rig(replace(CAMERA, fy_over_fx=ratio), "x"), chosen_range(2, 60)).text()).camera
+    camera = parse_config(
+        draft(RectifiedRig(replace(CAMERA, fy_over_fx=ratio), "x"), chosen_range(2, 60)).text()
+    ).camera
     assert camera.fy_over_fx == pytest.approx(written or 1.0, rel=1e-9, abs=0)
     assert camera.focal_px == Range(994.978, 994.978)
 
@@ -137,7 +139,7 @@ def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name)
         Image.fromarray(np.zeros((20, 30, 3), np.uint8)).save(photograph)
     except OSError:
         return
-    rig = Rig(StereoCamera.centred(30, 20, 40.0, 0.1), str(photograph))
+    rig = RectifiedRig(StereoCamera.centred(30, 20, 40.0, 0.1), str(photograph))
     found = describe(name, rig, [str(photograph)], disparity_range(rig, range_px=(1, 10)), [rig.size])
     config = load_config(write(folder, "config.yaml", found.text()))
     assert config.textures.images == (str(photograph),)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from semisynth_gl.calibration.disparity_range import chosen_range, disparity_range, measure_maps, measured_range
-from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.calibration.rig import RectifiedRig
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram, count_pixels, total_variation
@@ -99,7 +99,7 @@ def test_bins_are_of_one_round_width_and_hold_the_range(low, span):
     baseline_m=st.sampled_from([0.001, 100.0]),  # indoor, outdoor
 )
 def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, beyond_px, span, baseline_m):
-    rig = Rig(StereoCamera.centred(640, 480, 500.0, baseline_m, doffs_px), "x")
+    rig = RectifiedRig(StereoCamera.centred(640, 480, 500.0, baseline_m, doffs_px), "x")
     positive = max(-doffs_px, 0) + beyond_px
     for found in (
         measured_range(Histogram.from_counts([positive, positive + span], [1.0]), doffs_px),
@@ -151,13 +151,13 @@ def test_a_measured_range_has_headroom_and_ignores_the_odd_pixel():
 
 @pytest.mark.parametrize("doffs_px", [0, 31.5])
 def test_a_range_of_distances_is_that_of_their_disparities(doffs_px):
-    rig = Rig(StereoCamera.centred(640, 480, 500.0, 0.2, doffs_px), "x")
+    rig = RectifiedRig(StereoCamera.centred(640, 480, 500.0, 0.2, doffs_px), "x")
     made = disparity_range(rig, range_m=(0.5, 2))
     assert (made.min_px, made.max_px) == pytest.approx((50 - doffs_px, 200 - doffs_px), rel=1e-12)
 
 
 @pytest.mark.parametrize(("low_px", "signed"), [(7, False), (-20, True), (0, True)])
 def test_ranges_may_begin_below_zero(low_px, signed):
-    text = draft(Rig(CAMERA, "x"), disparity_range(Rig(CAMERA, "x"), range_px=(low_px, 60))).text()
+    text = draft(RectifiedRig(CAMERA, "x"), disparity_range(RectifiedRig(CAMERA, "x"), range_px=(low_px, 60))).text()
     assert ("\n  signed: true\n" in text) == signed
     assert f"\n  min_px: {low_px}\n" in text

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from photograph_like import noise, save
 
 from semisynth_gl.calibration.calibrate import calibrate
-from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.calibration.rig import RectifiedRig
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
 from semisynth_gl.pairs.pipeline import render_pair
@@ -27,7 +27,7 @@ def test_a_rotation_vector_has_the_matrix_of_opencv(vector):
 def test_a_reduced_rig_sees_the_same_directions():
     camera = StereoCamera(322, 241, 250.0, 0.2, 160.0, 171.0, 119.0, fy_over_fx=1.01)
     raw = RawCamera(322, 241, 260.0, 261.0, 161.0, 118.0, "radial-tangential", tuple(D1), rotation_of((0.01, 0.02, 0)))
-    half = Rig(camera, "x", {"left": raw}).scaled(0.5)
+    half = RectifiedRig(camera, "x", {"left": raw}).scaled(0.5)
     assert half.size == (half.raw["left"].width_px, half.raw["left"].height_px) == (161, 121)
     x, y = np.meshgrid(np.arange(0.0, 160), np.arange(0.0, 120))
     whole_x, whole_y = (x + 0.5) * 2 - 0.5, (y + 0.5) * 2 - 0.5

@@ -34,7 +34,7 @@ from hypothesis import strategies as st
 from shared_material import SHARED, needs_shared
 
 from semisynth_gl.calibration.rig_files import read_rig
-from semisynth_gl.calibration.sizes import Size, upright
+from semisynth_gl.calibration.sizes import ImageSize, upright
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 
@@ -425,14 +425,14 @@ def test_eyes_and_arrays_are_told_by_any_of_their_names(tmp_path_factory, labels
 def test_calibrations_of_many_tools_give_one_rig():
     folder = SHARED / "calibrations"
     wanted = json.loads((folder / "expected.json").read_text())
-    turn, shift, size = np.array(wanted["R"]), np.array(wanted["T_m"]), Size(*wanted["size"])
+    turn, shift, size = np.array(wanted["R"]), np.array(wanted["T_m"]), ImageSize(*wanted["size"])
     for names in (
         *("arrays_mm.npz", "nested.json", "storage.json", "storage.xml", "storage.yml", "words.json"),
         *("chain_anchors.yaml", "chain_imu.yaml", "zed.conf", "body_pose/*", "camodocal/*", "mrcal/*", "three/*"),
     ):
         of = wanted["zed_hd"] if names == "zed.conf" else wanted
         d = [np.array(wanted[("equidistant" if "imu" in names else "D") + n]) for n in "12"]
-        rig = read_rig([folder / names], photographed=Size(*of["size"]))
+        rig = read_rig([folder / names], photographed=ImageSize(*of["size"]))
         k = np.array(of["K1"]), np.array(of["K2"])
         check(rig, lens=d, k=k, turn=turn, shift=shift, size=tuple(of["size"]), fisheye="imu" in names)
     for names in (("K.txt",), ("orb.yaml",), ("P_left.npy", "P_right.npy"), ("S_rect_101.txt",)):
@@ -443,7 +443,7 @@ def test_calibrations_of_many_tools_give_one_rig():
         np.testing.assert_allclose(got, (left[0][0], left[0][2], left[1][2], -right[0][3] / right[0][0]), rtol=1e-5)
     rig = read_rig([folder / "scalars.json"])
     assert (rig.camera.baseline_m, rig.camera.doffs_px) == (0.075, pytest.approx(2.2))
-    rig = read_rig([folder / "cityscapes.json"], photographed=Size(2048, 1024))
+    rig = read_rig([folder / "cityscapes.json"], photographed=ImageSize(2048, 1024))
     assert (rig.camera.focal_px, rig.camera.baseline_m) == (2262.52, 0.209313)
     assert rig.camera.focal_y_px == pytest.approx(2265.3)
 
@@ -477,7 +477,7 @@ numbers = st.floats(1, 5000, allow_nan=False)
 def test_a_rectified_rig_in_any_format_is_read_back(tmp_path_factory, size, focal_px, baseline_m, centre):
     folder = tmp_path_factory.mktemp("rig")
     camera = StereoCamera(*size, focal_px, baseline_m, *centre)
-    assume(upright(Size(*size), matrices(camera)) == size)
+    assume(upright(ImageSize(*size), matrices(camera)) == size)
     for name, text in RECTIFIED.items():
         (folder / name).write_text(text(camera))
         rig = read_rig([folder / name])
@@ -517,7 +517,7 @@ BARE = StereoCamera(640, 480, 700.0, 0.12, 320.0, 320.0, 240.0)
     ],
 )
 def test_rectified_rigs_of_benchmarks(tmp_path, text, camera):
-    rig = read(tmp_path, {"calib.txt": text}, size=Size(camera.width_px, camera.height_px))
+    rig = read(tmp_path, {"calib.txt": text}, size=ImageSize(camera.width_px, camera.height_px))
     assert rig.raw is None
     for key, value in camera.values().items():
         assert getattr(rig.camera, key) == pytest.approx(value, abs=1e-4), key
@@ -545,7 +545,7 @@ def zed():
 
 @pytest.mark.parametrize("files", [{"realsense.json": realsense()}, {"SN1.conf": zed()}])
 def test_modes_are_chosen_by_the_size(tmp_path, files):
-    for size, scale in ((Size(1280, 720), 1.0), (Size(672, 376), 0.525)):
+    for size, scale in ((ImageSize(1280, 720), 1.0), (ImageSize(672, 376), 0.525)):
         rig = read(tmp_path, files, photographed=size)
         if "SN1.conf" in files:
             check(rig, k=[np.diag([scale, scale, 1]) @ each for each in (K1, K2)], size=tuple(size))
@@ -554,7 +554,7 @@ def test_modes_are_chosen_by_the_size(tmp_path, files):
     with pytest.raises(ReadError, match="1280 x 720, 672 x 376: choose one of these, --size"):
         read(tmp_path, files)
     with pytest.raises(ReadError, match="got 320 x 240"):
-        read(tmp_path, files, size=Size(320, 240))
+        read(tmp_path, files, size=ImageSize(320, 240))
 
 
 def test_cameras_that_are_rectified_already_have_no_lens(tmp_path):
@@ -583,11 +583,11 @@ def test_the_size_comes_from_the_file_the_user_or_the_photographs(tmp_path):
     files = {"stereo.yml": opencv(size=False)}
     with pytest.raises(InputError, match="does not say how large the images are"):
         read(tmp_path, files)
-    assert read(tmp_path, files, size=Size(640, 480), photographed=Size(700, 500)).size == (640, 480)
-    assert read(tmp_path, files, photographed=Size(700, 500)).size == (700, 500)
-    assert read(tmp_path, {"calib.txt": MIDDLEBURY}, photographed=Size(70, 50)).size == (741, 500)
+    assert read(tmp_path, files, size=ImageSize(640, 480), photographed=ImageSize(700, 500)).size == (640, 480)
+    assert read(tmp_path, files, photographed=ImageSize(700, 500)).size == (700, 500)
+    assert read(tmp_path, {"calib.txt": MIDDLEBURY}, photographed=ImageSize(70, 50)).size == (741, 500)
     with pytest.raises(InputError, match="is for images of 741 x 500, not 640 x 480"):
-        read(tmp_path, {"calib.txt": MIDDLEBURY}, size=Size(640, 480))
+        read(tmp_path, {"calib.txt": MIDDLEBURY}, size=ImageSize(640, 480))
     check(read(tmp_path, RAW | {"imageSize": SIZE[::-1]}))  # principal points tell which side is the width
     square = {"fx": 500, "cx": 255, "cy": 245, "baseline": 0.1, "image_shape": [490, 510, 3]}
     assert read(tmp_path, square).size == (510, 490)
@@ -640,9 +640,9 @@ def test_a_file_names_its_lens(tmp_path, line, model):
     files = {"rig.yaml": f"{line}\nrig: {json.dumps(values, default=np.ndarray.tolist)}"}
     if model is None:
         with pytest.raises(ReadError, match="a wide lens with 4 coefficients may be"):
-            read(tmp_path, files, size=Size(*SIZE))
+            read(tmp_path, files, size=ImageSize(*SIZE))
     else:
-        assert read(tmp_path, files, size=Size(*SIZE), alpha=0).raw["left"].model == model
+        assert read(tmp_path, files, size=ImageSize(*SIZE), alpha=0).raw["left"].model == model
 
 
 def test_what_is_concluded_is_noted(tmp_path):
@@ -796,12 +796,12 @@ def test_files_that_are_not_there_are_refused(tmp_path):
     off=st.tuples(*[st.floats(-0.03, 0.03)] * 3),
 )
 def test_a_size_whose_sides_changed_places_is_noticed(size, off):
-    size = Size(*size)
+    size = ImageSize(*size)
     left_x, right_x = (size.width_px * (0.5 + each) for each in off[:2])
     k = matrices(StereoCamera(*size, 500, 0.1, left_x, right_x, size.height_px * (0.5 + off[2])))
-    assert upright(size, k) == upright(Size(*reversed(size)), k) == size
+    assert upright(size, k) == upright(ImageSize(*reversed(size)), k) == size
     aside = matrices(StereoCamera(640, 480, 500, 0.1, 100, 100, 440))
-    assert upright(Size(640, 480), aside) == (640, 480)  # near the centre of neither
+    assert upright(ImageSize(640, 480), aside) == (640, 480)  # near the centre of neither
 
 
 # --- rectified rigs whose lens cannot be used ---
@@ -852,4 +852,4 @@ def test_damaged_calibrations_are_read_or_refused(tmp_path_factory, data):
         path.write_bytes(content[:begin] + by + content[end:])
     cameras = data.draw(st.sampled_from([None, ("cam0", "cam1"), ("left", "right"), ("a", "b")]))
     with suppress(SemisynthError):
-        read_rig(paths, photographed=Size(*SIZE), cameras=cameras)
+        read_rig(paths, photographed=ImageSize(*SIZE), cameras=cameras)

@@ -10,7 +10,7 @@ from calibration_files import CAMERA, draft
 from semisynth_gl.calibration import trial
 from semisynth_gl.calibration.disparity_range import chosen_range
 from semisynth_gl.calibration.draft import TEXELS
-from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.calibration.rig import RectifiedRig
 from semisynth_gl.calibration.trial import BLURS, nearest_mix
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.judge.comparison import gather
@@ -128,7 +128,7 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
         return mix[: len(values)], 1, 3
 
     monkeypatch.setattr(trial, "nearest_mix", nearest)
-    before = draft(Rig(CAMERA, "calib.txt"), chosen_range(2, 90))
+    before = draft(RectifiedRig(CAMERA, "calib.txt"), chosen_range(2, 90))
     after = trial.fit(before, gather(()), 3, Listener())
     scenes = before.sections["scenes"]
     for scene, values in zip(scenes, found, strict=True):

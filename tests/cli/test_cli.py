@@ -17,7 +17,7 @@ from tiny_datasets import CLUTTER_ALONE
 from semisynth_gl import cli
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config, packaged_configs
-from semisynth_gl.render.devices import Device
+from semisynth_gl.render.devices import EglDevice
 
 SETTINGS = (*CLUTTER_ALONE, "camera.width_px=160", "camera.height_px=96", "models.variants=1", "models.complex=0")
 SMALL = tuple(word for setting in SETTINGS for word in ("--set", setting))
@@ -73,7 +73,7 @@ def test_doctor_renders_its_test_pair_or_says_what_to_install():
 def test_doctor_tells_where_egl_does_not_list_an_nvidia_gpu(program, monkeypatch, tmp_path, cuda):
     monkeypatch.setattr("semisynth_gl.cli.doctor._NVIDIA_CONTROL", tmp_path)
     monkeypatch.setattr("semisynth_gl.cli.doctor._try", lambda _: True)
-    monkeypatch.setattr("semisynth_gl.render.devices.egl_devices", lambda: [Device(0, software=False, cuda=cuda)])
+    monkeypatch.setattr("semisynth_gl.render.devices.egl_devices", lambda: [EglDevice(0, software=False, cuda=cuda)])
     assert ("NVIDIA's GPU is not among them" in program("doctor").out) == (cuda is None)
 
 

@@ -14,7 +14,7 @@ from isal import isal_zlib
 from PIL import Image
 
 from semisynth_gl.codecs import FLOW_CODECS
-from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
+from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, CalibContent
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.pfm import PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16, deflate
@@ -23,7 +23,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import ReadError
 
 CAMERA = StereoCamera(37, 21, 1164.25, 0.193001, 17.5, 48.586, 10.25)
-CALIB = MIDDLEBURY_CALIB.encode(Calibration(CAMERA, CAMERA.doffs_px, 100, 1.0, 90.0))
+CALIB = MIDDLEBURY_CALIB.encode(CalibContent(CAMERA, CAMERA.doffs_px, 100, 1.0, 90.0))
 PATH = Path("the-file")
 sides = st.integers(1, 40)
 disparities = hnp.arrays(np.float32, st.tuples(sides, sides), elements=st.floats(0, 1e4, width=32) | st.just(np.inf))

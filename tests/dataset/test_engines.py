@@ -19,7 +19,7 @@ from semisynth_gl.dataset import make
 from semisynth_gl.dataset.cluster import RayEngine
 from semisynth_gl.dataset.engines import LocalEngine
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.make import Job, ShardMaker, in_order
+from semisynth_gl.dataset.make import DatasetJob, ShardMaker, in_order
 from semisynth_gl.inputs.errors import InputError
 
 LAYOUTS = ("middlebury", "webdataset")
@@ -255,7 +255,7 @@ def test_pairs_are_encoded_while_others_are_rendered_and_come_in_order():
 def test_other_photographs_or_models_in_a_worker_are_refused(config, tmp_path):
     made, _, _ = run(config, tmp_path / "o", shards=range(1))
     changed = made.plan.model_copy(update={"sources": {"train": made.plan.sources["train"] | {"patches": "0" * 64}}})
-    maker = ShardMaker(Job(changed, str(tmp_path / "p"), "auto"))
+    maker = ShardMaker(DatasetJob(changed, str(tmp_path / "p"), "auto"))
     with closing(maker), pytest.raises(InputError, match="patches"):
         maker.make_shard(0, Recorder())
 

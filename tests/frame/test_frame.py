@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, View
+from semisynth_gl.frame.camera import EYES, CameraDeviation, Crop, StereoCamera
+from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
@@ -32,7 +32,7 @@ def make_array(name, seed=0):
 
 
 def make_view(names=tuple(CHANNELS), seed=0):
-    return View({name: make_array(name, seed) for name in names})
+    return ViewArrays({name: make_array(name, seed) for name in names})
 
 
 # The table
@@ -59,7 +59,7 @@ def test_a_row_of_the_table_fits_the_others(channel):
 
 def test_roles_are_unique_and_files_have_the_same():
     assert len(ROLES) == len(EYES) * len(CHANNELS)
-    assert [role for role, (_, channel) in ROLES.items() if channel is View.image] == list(EYES)
+    assert [role for role, (_, channel) in ROLES.items() if channel is ViewArrays.image] == list(EYES)
     assert {role: FILE_ROLES[role].output for role in ROLES} == {role: each.output for role, (_, each) in ROLES.items()}
 
 
@@ -90,7 +90,7 @@ def test_a_view_has_its_channels_under_their_names():
 )
 def test_a_view_refuses_what_is_not_in_the_table(name, array, words):
     with pytest.raises(InputError, match=words):
-        View({name: array})
+        ViewArrays({name: array})
     with pytest.raises(InputError, match=words):
         make_view(("image", "disparity")).with_channels({name: array})
 
@@ -159,8 +159,8 @@ def test_what_has_no_disparity_has_no_point():
     camera = StereoCamera.centred(5, 4, 6.0, 0.1, doffs_px=2.0)
     disparity = np.full((4, 5), 3, np.float32)
     disparity[0] = np.inf, np.nan, -2, -3, -np.inf
-    view = View({"image": make_array("image"), "disparity": disparity})
-    frame = Frame(camera, view, View({"image": make_array("image")}))
+    view = ViewArrays({"image": make_array("image"), "disparity": disparity})
+    frame = Frame(camera, view, ViewArrays({"image": make_array("image")}))
     points = frame.points()
     assert np.isnan(points[0]).all()
     np.testing.assert_allclose(points[1:, :, 2], 6.0 * 0.1 / (3 + 2), rtol=1e-6)
@@ -176,7 +176,7 @@ def test_what_has_no_disparity_has_no_point():
 def test_masks_of_a_crop_are_0_where_its_points_lie_outside_of_it(index, x_px, y_px, deviates):
     pair = hand_made_pairs.make_frame(index)
     if deviates:
-        pair = replace(pair, camera=replace(pair.camera, deviation=Deviation(0.04, -0.02, 0.7)))
+        pair = replace(pair, camera=replace(pair.camera, deviation=CameraDeviation(0.04, -0.02, 0.7)))
     crop = pair.cropped(Crop(x_px, y_px, 28, 20))
     masked = crop.with_own_masks()
     rows, columns = np.mgrid[:20, :28]

@@ -15,7 +15,7 @@ from semisynth_gl import (
     PairRenderer,
     Renderer,
     StereoCamera,
-    View,
+    ViewArrays,
     calibrate,
     evaluate,
     load_config,
@@ -40,7 +40,9 @@ SCENE = make_scene(CAMERA, model=[0], world_from_model=[facing(CAMERA, 0, 0, 40,
 
 TRUTH = np.ones((4, 5), np.float32)
 IMAGE = np.zeros((30, 40, 3), np.uint8)
-FRAME = Frame(CAMERA, View({"image": IMAGE, "disparity": np.ones((30, 40), np.float32)}), View({"image": IMAGE}))
+FRAME = Frame(
+    CAMERA, ViewArrays({"image": IMAGE, "disparity": np.ones((30, 40), np.float32)}), ViewArrays({"image": IMAGE})
+)
 
 
 def scene(**changed):

@@ -18,7 +18,7 @@ from semisynth_gl.codecs.png import GREY16
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.matching import check_views
@@ -187,7 +187,7 @@ def test_images_that_fit_half_a_pixel_aside_are_found(noise, off_px, disparity_p
         return np.rint((levels + np.random.default_rng(0).normal(0, noise, x.shape)).clip(0, 255)).astype(np.uint8)
 
     views = (
-        View({"image": waves(shift_px), "disparity": np.full((100, 200), disparity_px, np.float32)})
+        ViewArrays({"image": waves(shift_px), "disparity": np.full((100, 200), disparity_px, np.float32)})
         for shift_px in (0, disparity_px + off_px)
     )
     verdict = Verdict("a")
@@ -311,7 +311,7 @@ def test_rays_find_normals_of_other_places_beside_triangles_that_they_miss():
     scenes = SimpleNamespace(sampled=lambda _: SimpleNamespace(scene=scene), models=models, seed=0)
     for wrong in (False, True):
         normals = np.roll(frame.left.normals, 5, axis=1) if wrong else frame.left.normals
-        left, right = frame.left.with_channels({"normals": normals}), View({"image": frame.right.image})
+        left, right = frame.left.with_channels({"normals": normals}), ViewArrays({"image": frame.right.image})
         verdict = Verdict("pair")
         check_rays(StoredFrame(frame.camera, left, right), scenes, 20_000, verdict)
         assert any("normals_left" in finding.message for finding in verdict.findings) == wrong, verdict.findings

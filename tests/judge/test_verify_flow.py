@@ -11,7 +11,7 @@ from semisynth_gl.codecs import FLOW_CODECS
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, ViewArrays
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.single_view import check_view
 
@@ -257,9 +257,9 @@ def lacking(channel, values):
     """What is found in a left view whose surfaces may leave the valid range, with these values of a channel."""
     channels = {"disparity": np.full((6, 8), 9, np.float32), "disparity_change": np.zeros((6, 8), np.float32)}
     image, flow = np.zeros((6, 8, 3), np.uint8), np.zeros((6, 8, 2), np.float32)
-    left = View({"image": image, "flow": flow} | channels | {channel: values})
+    left = ViewArrays({"image": image, "flow": flow} | channels | {channel: values})
     verdict, camera = Verdict("it"), StereoCamera.centred(8, 6, 10.0, 0.1, doffs_px=5.0)
-    check_view(StoredFrame(camera, left, View({"image": image})), "left", 20.0, verdict)
+    check_view(StoredFrame(camera, left, ViewArrays({"image": image})), "left", 20.0, verdict)
     return [str(finding) for finding in verdict.findings]
 
 

@@ -26,10 +26,10 @@ from semisynth_gl.codecs.png import GREY8, RGB8
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, View
+from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import ReadError
-from semisynth_gl.layouts import Key, find_layout, layout_names
+from semisynth_gl.layouts import PairKey, find_layout, layout_names
 from semisynth_gl.layouts.roles import number_objects, restore_outside
 from semisynth_gl.seeds.splits import SPLITS
 
@@ -71,7 +71,7 @@ def test_what_is_written_comes_back(name, encodings, outputs, truth):
     frame = make_frame(6, outputs, truth)
     files = encode(layout, 6, frame=frame, encodings=encodings)
     encoded = encodings or layout.encodings or Encodings()
-    assert set(files) == set(layout.files(Key("lab", "train", 6), encoded, outputs, truth).values())
+    assert set(files) == set(layout.files(PairKey("lab", "train", 6), encoded, outputs, truth).values())
     stored = decode(layout, 6, files, encodings=encodings)
     none = {"left": 0} if truth == "left" else {"left": 0, "right": 0}
     counted = {"disparity_beyond": none} if stored.encodings.disparity.limit_px < np.inf else {}
@@ -105,7 +105,7 @@ def test_a_disparity_is_rounded_or_counted_and_never_wrapped(lengths):
     height, width = disparity.shape
     image, mask = np.zeros((height, width, 3), np.uint8), np.full((height, width), OUTSIDE, np.uint8)
     camera = StereoCamera.centred(width, height, 60.0, 0.25)
-    view = View({"image": image, "disparity": disparity, "visibility": mask})
+    view = ViewArrays({"image": image, "disparity": disparity, "visibility": mask})
     frame = Frame(camera, view, view)
     for name in layout_names():
         layout = find_layout(name)
@@ -153,7 +153,7 @@ def test_what_png16_cannot_say_is_invalid_everywhere():
 def test_broken_files_are_named(name):
     layout = find_layout(name)
     encodings = layout.encodings or Encodings()
-    names = {path: role for role, path in layout.files(Key("lab", "train", 0), encodings).items()}
+    names = {path: role for role, path in layout.files(PairKey("lab", "train", 0), encodings).items()}
     for path, data in encode(layout, 0).items():
         if names[path] == "calib_cam_to_cam":
             continue  # it is not read back
@@ -174,7 +174,7 @@ def test_names_never_collide_and_stay_inside(name):
         for split in splits:
             # A shard is of one split.
             folder = f"{split}:" if layout.packed else layout.folder(split, splits)
-            keys = [Key("lab", split, index, length) for index in (*range(8), 2999, 3000, 3001, 999_999)]
+            keys = [PairKey("lab", split, index, length) for index in (*range(8), 2999, 3000, 3001, 999_999)]
             paths = [path for key in keys for path in layout.files(key, encodings).values()]
             paths += layout.lists_of(keys, encodings)
             assert len(set(paths)) == len(paths)
@@ -198,7 +198,7 @@ def test_kittis_objects_leave_out_what_stands_still():
     ids = np.array([[0, 1, 6, 7, 8, 255, 256, 257, 511, 606]], np.uint16)
     assert number_objects(ids, rows).tolist() == [[0, 0, 0, 7, 8, 255, 1, 2, 1, 96]]
     layout, ids = find_layout("kitti"), make_frame(3).left.instances
-    stored = encode(layout, 3)[layout.files(Key("lab", "train", 3), layout.encodings)["objects"]]
+    stored = encode(layout, 3)[layout.files(PairKey("lab", "train", 3), layout.encodings)["objects"]]
     np.testing.assert_array_equal(GREY8.decode(stored, Path("x")), number_objects(ids, make_provenance(3)["instances"]))
 
 

@@ -16,7 +16,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.frame.camera import EYES, OTHER_EYE, Deviation, StereoCamera
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, CameraDeviation, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
@@ -139,7 +139,7 @@ def looked_up(valid, flow):
     return lost
 
 
-@pytest.mark.parametrize("deviation", [Deviation(), Deviation(roll_rad=0.02, y_px=3.0)])
+@pytest.mark.parametrize("deviation", [CameraDeviation(), CameraDeviation(roll_rad=0.02, y_px=3.0)])
 def test_a_border_hides_its_pixels_and_those_that_match_it(deviation):
     camera = replace(CAMERA, deviation=deviation)
     disparity = np.full((120, 160), 12, np.float32)

@@ -21,7 +21,7 @@ from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import Frame, as_rgb
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.judge.charts import draw_sheet
-from semisynth_gl.layouts import Key, find_layout, layout_names
+from semisynth_gl.layouts import PairKey, find_layout, layout_names
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.atlas import to_grey
 
@@ -51,7 +51,7 @@ def test_every_layout_gives_one_channel_back_and_loaders_what_they_can_read(name
     files = encode(layout, 3, frame=frame, encodings=encodings)
     stored = decode(layout, 3, files, encodings=encodings)
     lossy = not encodings.image.lossless
-    paths = layout.files(Key("lab", "train", 3), encodings)
+    paths = layout.files(PairKey("lab", "train", 3), encodings)
     for eye in EYES:
         image = stored.view(eye).image
         assert image.ndim == 2

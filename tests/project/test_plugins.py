@@ -20,13 +20,13 @@ from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import load_config
 from semisynth_gl.config.explain import explain
-from semisynth_gl.dataset.documents import Plan, parse
+from semisynth_gl.dataset.documents import DatasetPlan, parse
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.model_library import build_family, build_library
 from semisynth_gl.inputs.errors import InputError, ReadError
-from semisynth_gl.layouts import Key, find_layout
+from semisynth_gl.layouts import PairKey, find_layout
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.prepare import prepare_atlas
 
@@ -166,7 +166,7 @@ def test_a_dataset_of_a_recipe_is_read_and_verified_without_the_package(tmp_path
 def test_a_record_without_a_package_is_refused():
     values = make_plan(load_config("kitti"), 0, "kitti", {"train": 1}).values()
     with pytest.raises(ReadError, match=r"plugins\.layouts\.x"):
-        parse(Plan, json.dumps(values | {"plugins": {"layouts": {"x": {}}}}).encode(), Path("plan.json"))
+        parse(DatasetPlan, json.dumps(values | {"plugins": {"layouts": {"x": {}}}}).encode(), Path("plan.json"))
 
 
 LAYOUT = """
@@ -185,7 +185,7 @@ def test_a_layout_that_could_not_be_read_back_is_refused(install):
     with install(LAYOUT.replace("# changed here", names)), pytest.raises(InputError, match="a file for provenance"):
         make_plan(load_config("kitti"), 0, "thing", {"train": 1})
     with install(LAYOUT):
-        assert find_layout("thing").files(Key("lab", "test", 7), Encodings())["left"] == "test/7_image_left.png"
+        assert find_layout("thing").files(PairKey("lab", "test", 7), Encodings())["left"] == "test/7_image_left.png"
 
 
 def test_a_name_that_is_taken_is_refused(install):

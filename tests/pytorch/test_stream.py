@@ -10,7 +10,7 @@ from tiny_datasets import cheap
 
 from semisynth_gl.augmentation.augmentation import Augmentation
 from semisynth_gl.frame.camera import Crop, StereoCamera
-from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -33,8 +33,8 @@ def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
     image = rng.integers(0, 256, (4, 5, 3), dtype=np.uint8)
     flow = rng.normal(size=(4, 5, 4)).astype(np.float32)[..., :2]
     ids = np.full((4, 5), 65535, np.uint16)
-    left = View({"image": image, "disparity": flow[..., 0], "instances": ids, "flow": flow})
-    frame = Frame(camera, left, View({"image": image}))
+    left = ViewArrays({"image": image, "disparity": flow[..., 0], "instances": ids, "flow": flow})
+    frame = Frame(camera, left, ViewArrays({"image": image}))
     sample = to_sample(7, frame)
     assert sample["index"] == 7
     assert sample["camera"] == {

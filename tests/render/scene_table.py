@@ -9,14 +9,14 @@ from samplers import patches, sampler_of
 from scenes import SQUARE, facing, on_plane, posed
 from tiny_datasets import lean
 
-from semisynth_gl.frame.camera import Deviation, StereoCamera
+from semisynth_gl.frame.camera import CameraDeviation, StereoCamera
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.rig import rotation_about_axis
 from semisynth_gl.scene.scene import Motion, Scene, make_scene, move
 
 CAMERA = StereoCamera(120, 90, 132.0, 0.2, 57.0, 63.0, 42.0)
-DEVIATION = Deviation(-0.03, 0.02, -1.7, 0.98)
+DEVIATION = CameraDeviation(-0.03, 0.02, -1.7, 0.98)
 
 
 @dataclass(frozen=True)

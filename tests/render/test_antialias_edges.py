@@ -11,7 +11,7 @@ from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.topology import is_solid, marked_solid
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.outlines import Outlines
+from semisynth_gl.render.outlines import OutlineFinder
 from semisynth_gl.scene.scene import make_scene
 
 pytestmark = pytest.mark.one_backend
@@ -57,7 +57,7 @@ def drawn(open_renderer, scenes, mode):
 
 
 def outlines_of(mesh):
-    return Outlines([mesh], np.arange(len(mesh.positions), dtype=np.uint32))
+    return OutlineFinder([mesh], np.arange(len(mesh.positions), dtype=np.uint32))
 
 
 def error(images, reference):

@@ -7,7 +7,7 @@ import pytest
 from scene_table import CAMERA, wall
 from scenes import SQUARE, assert_equal, board, facing, noise_layers, on_plane, one_model
 
-from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
+from semisynth_gl.frame.camera import EYES, CameraDeviation, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.render import programs
 from semisynth_gl.render.context import GraphicsContext
@@ -17,8 +17,13 @@ pytestmark = pytest.mark.one_backend
 PLAIN = StereoCamera(160, 120, 225.0, 0.25, 80.1, 80.1, 57.7)
 NORMALS = [(0, 0, 1), (0.5, 0.2, 1), (-0.3, -0.6, 1), (0.2, -2.5, 1)]
 DEVIATIONS = [
-    *(Deviation(roll_rad=0.02), Deviation(pitch_rad=-0.015), Deviation(y_px=2.3), Deviation(focal_ratio=1.01)),
-    Deviation(-0.03, 0.02, -1.7, 0.98),
+    *(
+        CameraDeviation(roll_rad=0.02),
+        CameraDeviation(pitch_rad=-0.015),
+        CameraDeviation(y_px=2.3),
+        CameraDeviation(focal_ratio=1.01),
+    ),
+    CameraDeviation(-0.03, 0.02, -1.7, 0.98),
 ]
 CAMERAS = {
     "plain": PLAIN,
@@ -128,7 +133,9 @@ def draw_moved(open_renderer, monkeypatch):
 PLANES = ((0.5, 0, 2.013), (-0.8, 0.3, 1.613), (0.2, -2.5, 0.613))
 
 
-@pytest.mark.parametrize("deviation", [Deviation(), Deviation(0.01, -0.01, 3.0, 1.1)], ids=["rectified", "deviating"])
+@pytest.mark.parametrize(
+    "deviation", [CameraDeviation(), CameraDeviation(0.01, -0.01, 3.0, 1.1)], ids=["rectified", "deviating"]
+)
 def test_planes_are_as_exact_where_corners_move(draw_moved, deviation):
     camera = StereoCamera(320, 240, 450.0, 0.25, 160.1, 188.4, 115.7, deviation)
     for *slope, half_m in PLANES:

@@ -4,15 +4,15 @@ import pytest
 
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render import devices
-from semisynth_gl.render.devices import Device, egl_devices, egl_index_of_gpu, egl_index_of_worker, query_devices
+from semisynth_gl.render.devices import EglDevice, egl_devices, egl_index_of_gpu, egl_index_of_worker, query_devices
 
 # EGL's order differs from CUDA's, and the last device is no GPU.
 DEVICES = (
-    Device(0, software=False, cuda=2, uuid="GPU-2c111111-0000-0000-0000-000000000000"),
-    Device(1, software=False, cuda=0, uuid="GPU-0a111111-0000-0000-0000-000000000000"),
-    Device(2, software=False, cuda=3),
-    Device(3, software=False, cuda=1, uuid="GPU-0a222222-0000-0000-0000-000000000000"),
-    Device(4, software=True),
+    EglDevice(0, software=False, cuda=2, uuid="GPU-2c111111-0000-0000-0000-000000000000"),
+    EglDevice(1, software=False, cuda=0, uuid="GPU-0a111111-0000-0000-0000-000000000000"),
+    EglDevice(2, software=False, cuda=3),
+    EglDevice(3, software=False, cuda=1, uuid="GPU-0a222222-0000-0000-0000-000000000000"),
+    EglDevice(4, software=True),
 )
 
 

@@ -14,7 +14,7 @@ from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.render import occlusion
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.context import context_facts
-from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.model_buffers import SceneBuffers
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
@@ -36,8 +36,8 @@ def drawn(backend, monkeypatch):
         counts.append(sum(part.fronts + part.both_sides for part in selected))
         return selected
 
-    original = ModelBuffers.select
-    monkeypatch.setattr(ModelBuffers, "select", select)
+    original = SceneBuffers.select
+    monkeypatch.setattr(SceneBuffers, "select", select)
     for name, value in {"_FEWEST_TRIANGLES": 1, "_RUN_TRIANGLES": 16, "TILE_PX": 4}.items():
         monkeypatch.setattr(occlusion, name, value)
     return counts

@@ -13,7 +13,7 @@ from tiny_datasets import cheap
 
 from semisynth_gl.config.rig_sections import ProjectorSection
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
+from semisynth_gl.frame.camera import EYES, CameraDeviation, Crop, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.oracle import normals as normals_of
@@ -92,7 +92,7 @@ def expected_light(scene, models, eye, pattern=FULL):
     return light.reshape(y.shape), decided.reshape(y.shape), reached.reshape(y.shape)
 
 
-DEVIATING = replace(CAMERA, deviation=Deviation(0.04, -0.03, 2.0, 1.02), fy_over_fx=1.2)
+DEVIATING = replace(CAMERA, deviation=CameraDeviation(0.04, -0.03, 2.0, 1.02), fy_over_fx=1.2)
 
 
 @pytest.mark.parametrize(

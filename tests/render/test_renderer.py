@@ -22,7 +22,7 @@ from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import context, osmesa
 from semisynth_gl.render.context import check_libraries, context_facts, open_context
-from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.model_buffers import SceneBuffers
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene import sources
 from semisynth_gl.scene.scene import make_scene, move
@@ -183,14 +183,14 @@ def test_indices_out_of_range_are_refused(open_renderer):
 
 @pytest.mark.one_backend
 def test_an_error_of_its_opening_is_told_of_no_pair(backend, monkeypatch):
-    loaded = ModelBuffers.__init__
+    loaded = SceneBuffers.__init__
 
     def faulty(self, gl, *given, **options):
         loaded(self, gl, *given, **options)
         with suppress(moderngl.Error):
             gl.buffer(reserve=16).bind_to_uniform_block(1 << 20)
 
-    monkeypatch.setattr(ModelBuffers, "__init__", faulty)
+    monkeypatch.setattr(SceneBuffers, "__init__", faulty)
     with pytest.raises(BackendError, match=r"reported GL_INVALID_VALUE while models and patches were loaded"):
         Renderer([SQUARE], noise_layers(1, 8), backend=backend)
 

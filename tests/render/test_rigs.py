@@ -17,7 +17,7 @@ from tiny_datasets import cheap
 from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.config.rig_sections import CameraSection
 from semisynth_gl.config.scene_sections import ParticlesSection
-from semisynth_gl.frame.camera import Crop, Deviation, StereoCamera
+from semisynth_gl.frame.camera import CameraDeviation, Crop, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS, OCCLUDED
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -80,7 +80,7 @@ ANGLES = st.floats(-0.1, 0.1)
 )  # fmt: skip
 def test_correspondence_and_depth_are_inverse_and_limits_hold(roll, pitch, down, ratio, doffs, aspect, seed):
     camera = StereoCamera(
-        640, 480, 700.0, 0.3, 310.0, 310.0 + doffs, 250.0, Deviation(roll, pitch, down, ratio), aspect
+        640, 480, 700.0, 0.3, 310.0, 310.0 + doffs, 250.0, CameraDeviation(roll, pitch, down, ratio), aspect
     )
     rng = np.random.default_rng(seed)
     x, y, depth = rng.uniform(0, 639, 50), rng.uniform(0, 479, 50), rng.uniform(0.5, 50, 50)
@@ -110,7 +110,7 @@ def test_correspondence_and_depth_are_inverse_and_limits_hold(roll, pitch, down,
     [(100.0, r"max_px: 30 px .* up to \d+\.\d+ px: raise"), (30.0, "leaves no depth .* up to nan px: raise")],
 )
 def test_a_deviation_that_takes_the_largest_disparity_is_refused(focal_px, said):
-    camera = StereoCamera(640, 480, focal_px, 0.1, 320, 320, 240, Deviation(0.1, 0.17))
+    camera = StereoCamera(640, 480, focal_px, 0.1, 320, 320, 240, CameraDeviation(0.1, 0.17))
     section = load_config("middlebury").disparity.model_copy(update={"min_px": 5.0, "max_px": 30.0})
     with pytest.raises(InputError, match=said):
         near_depth_m(camera, section)
@@ -119,7 +119,10 @@ def test_a_deviation_that_takes_the_largest_disparity_is_refused(focal_px, said)
 @pytest.mark.parametrize(
     "make",
     [
-        *(lambda each=each: Deviation(**each) for each in ({"roll_rad": 0.2}, {"pitch_rad": -1}, {"focal_ratio": 1.3})),
+        *(
+            lambda each=each: CameraDeviation(**each)
+            for each in ({"roll_rad": 0.2}, {"pitch_rad": -1}, {"focal_ratio": 1.3})
+        ),
         *(
             lambda each=each: replace(CAMERA, **each)
             for each in ({"fy_over_fx": 0}, {"focal_px": 9e5, "fy_over_fx": 2})
@@ -148,7 +151,7 @@ def test_a_ratio_of_1_is_the_config_without_it():
 
 @pytest.mark.one_backend
 def test_the_right_near_plane_cuts_off_nothing_that_the_left_view_shows(open_renderer):
-    camera = replace(CAMERA, deviation=Deviation(pitch_rad=0.1))
+    camera = replace(CAMERA, deviation=CameraDeviation(pitch_rad=0.1))
     scene = one_model(camera, [facing(camera, -100, -100, 300, 300, 2.01)], near_m=2.0)
     outputs = "depth", "instances", "visibility"
     frame = open_renderer([SQUARE], noise_layers(1, 16), outputs=outputs, rectified=False).render(scene)

@@ -13,7 +13,7 @@ from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS, OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.render import work_list_steps
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.raycast import Hits, cast_rays
+from semisynth_gl.scene.raycast import RayHits, cast_rays
 from semisynth_gl.scene.scene import move
 
 EXACT_PX = 1e-3
@@ -82,7 +82,7 @@ class Pixels:
         """The disparities at some positions of the planes that rays through others hit."""
         depth = oracle.depth_on_planes(self.scene, self.models, self.eye, x, y, hits)
         depth[np.isin(hits.instance, np.flatnonzero(self.scene.sky))] = np.inf
-        on_surface = Hits(depth, hits.instance, hits.triangle)
+        on_surface = RayHits(depth, hits.instance, hits.triangle)
         way = oracle.correspondence_px(self.scene.camera, self.eye, x, y, on_surface, signed=self.signed)
         return oracle.disparity_of(self.eye, way)
 
@@ -92,7 +92,7 @@ class Pixels:
         dx, dy = (each.ravel() for each in np.meshgrid(*[np.linspace(-EDGE_PX, EDGE_PX, 9)] * 2))
         beside = self.cast(np.add.outer(x, dx).ravel(), np.add.outer(y, dy).ravel())
         there = self.disparity_on(beside, x.repeat(len(dx)), y.repeat(len(dx))).reshape(len(x), len(dx))
-        own = Hits(*(getattr(self.hits, name)[wrong] for name in ("depth_m", "instance", "triangle")))
+        own = RayHits(*(getattr(self.hits, name)[wrong] for name in ("depth_m", "instance", "triangle")))
         with np.errstate(invalid="ignore"):
             off = np.abs(there - rendered[:, None])
             steps = [self.disparity_on(own, x + right, y + down) for right, down in ((STEP_PX, 0), (0, STEP_PX))]
@@ -229,7 +229,7 @@ def check_image(pixels):
     shown = np.flatnonzero(pixels.off_edges & (hits.instance >= 0))
     place = np.empty((len(shown), 2))
     rays = scene.camera.rays_of_eye(pixels.eye, pixels.x[shown], pixels.y[shown])
-    chosen = Hits(np.ones(len(shown)), hits.instance[shown], hits.triangle[shown])
+    chosen = RayHits(np.ones(len(shown)), hits.instance[shown], hits.triangle[shown])
     depth = oracle.depth_on_planes(scene, pixels.models, pixels.eye, pixels.x[shown], pixels.y[shown], chosen)
     turn = scene.camera.turn(pixels.eye)
     points = rays * depth[:, None] @ (np.eye(3) if turn is None else turn)

@@ -17,7 +17,7 @@ from semisynth_gl.geometry import model_files
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.model_units import make_model
-from semisynth_gl.geometry.silhouette import mean_silhouette
+from semisynth_gl.geometry.relief import mean_relief
 from semisynth_gl.histogram import Histogram, count_pixels, total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -149,18 +149,18 @@ def test_counts_are_poisson():
         assert counts.var() == pytest.approx(mean, rel=1e-2)
 
 
-def test_silhouettes_of_a_ball_and_a_cube():
+def test_reliefs_of_a_ball_and_a_cube():
     rng = np.random.default_rng(0)
-    ball = mean_silhouette([SIMPLE_KINDS["sphere"](rng)], np.array([1.0]), RIGID, rng)
+    ball = mean_relief([SIMPLE_KINDS["sphere"](rng)], np.array([1.0]), RIGID, rng)
     assert ball.fill == pytest.approx(1, abs=0.02)
     # Over a disc, the height sqrt(1 - r^2) is uniform in its square.
     np.testing.assert_allclose(ball.heights**2, (np.arange(16) + 0.5) / 16, atol=0.05)
     # A convex body shows a quarter of its surface on average (Cauchy): 6 a^2 / 4 with a = 2 / sqrt(3).
-    cube = mean_silhouette([SIMPLE_KINDS["cube"](rng)], np.array([1.0]), RIGID, rng)
+    cube = mean_relief([SIMPLE_KINDS["cube"](rng)], np.array([1.0]), RIGID, rng)
     assert cube.fill == pytest.approx(2 / np.pi, rel=0.02)
     needle = make_model("needle", [[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0]], [[0, 1, 2]])
     with pytest.raises(InputError, match="too thin to be seen"):
-        mean_silhouette([needle, SIMPLE_KINDS["cube"](rng)], np.array([1.0, 0.0]), RIGID, rng)
+        mean_relief([needle, SIMPLE_KINDS["cube"](rng)], np.array([1.0, 0.0]), RIGID, rng)
 
 
 @pytest.mark.parametrize("fy_over_fx", [1.0, 0.6])

@@ -182,7 +182,7 @@ def test_a_dataset_has_one_library():
     assert sorted(mesh.name for mesh in plain.models) == sorted(mesh.name for mesh in alone.models)
     assert [plain.models[number].name for number in plain.sampled] == [mesh.name for mesh in alone.models]
     np.testing.assert_array_equal(plain.chances, alone.chances)
-    assert plain.silhouette.fill == alone.silhouette.fill > walls.silhouette.fill
+    assert plain.relief.fill == alone.relief.fill > walls.relief.fill
     drawn = {solids.models[number].name for number in solids.sampled}
     assert "cube" in drawn
     assert "pyramid" not in drawn

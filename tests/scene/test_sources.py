@@ -7,7 +7,7 @@ import pytest
 from photograph_like import octaves, save
 from tiny_datasets import cheap, tiny
 
-from semisynth_gl.scene.sources import Sources, prepare_sources
+from semisynth_gl.scene.sources import SceneSources, prepare_sources
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import drawn
 
@@ -70,7 +70,7 @@ def darkened(layers):
 OF_LAYERS = dict.fromkeys(("layers", "large_layers"), darkened)
 OF_PATCH = {"source": lambda _: "other.png", "left_px": lambda left: left + 1}
 OF_MODEL = dict.fromkeys(("positions", "uv"), lambda array: array + np.float32(2e-5)) | {"triangles": np.flipud}
-OF_SILHOUETTE = dict.fromkeys(("fill", "heights"), lambda value: value + 2e-5)
+OF_RELIEF = dict.fromkeys(("fill", "heights"), lambda value: value + 2e-5)
 OF_LIBRARY = {"chances": lambda chances: chances * np.linspace(0.99, 1.01, len(chances))}
 
 
@@ -78,12 +78,12 @@ def changed(whole, changes, part):
     return replace(whole, **{part: changes[part](getattr(whole, part))}) if part in changes else whole
 
 
-@pytest.mark.parametrize("part", [*OF_LAYERS, *OF_PATCH, *OF_MODEL, *OF_SILHOUETTE, *OF_LIBRARY])
+@pytest.mark.parametrize("part", [*OF_LAYERS, *OF_PATCH, *OF_MODEL, *OF_RELIEF, *OF_LIBRARY])
 def test_each_part_of_patches_and_models_counts_in_its_checksum(sources, part):
     atlas, library = changed(sources.atlas, OF_LAYERS, part), changed(sources.libraries[0], OF_LIBRARY, part)
     atlas = replace(atlas, patches=(*atlas.patches[:-1], changed(atlas.patches[-1], OF_PATCH, part)))
     models = changed(library.models[0], OF_MODEL, part), *library.models[1:]
-    library = replace(library, models=models, silhouette=changed(library.silhouette, OF_SILHOUETTE, part))
-    before, after = sources.digests(), Sources(atlas, (library,)).digests()
+    library = replace(library, models=models, relief=changed(library.relief, OF_RELIEF, part))
+    before, after = sources.digests(), SceneSources(atlas, (library,)).digests()
     patches = part in OF_LAYERS or part in OF_PATCH
     assert [name for name in before if before[name] != after[name]] == ["patches" if patches else "models"]

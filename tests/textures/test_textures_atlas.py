@@ -16,7 +16,7 @@ from semisynth_gl.textures import clips
 from semisynth_gl.textures.clips import natural_key
 from semisynth_gl.textures.crops import Square, cut_crop, texture_measure
 from semisynth_gl.textures.images import read_image
-from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.selection import PATCHES_PER_SUBJECT, build_atlas
 
 FLAT = np.full((64, 64, 3), 90, dtype=np.uint8)
@@ -58,7 +58,7 @@ def longest_clip(atlas):
 def test_patches_hold_the_pixels_of_their_squares(tmp_path):
     paths = save(tmp_path, a=noise(70, 100), b=noise(64, 64, 1))
     pictures = {name: noise(70, 100, number) for number, name in enumerate(("p", "q/r"), start=2)}
-    atlas = build(paths, [Picture(*each) for each in pictures.items()], scales=(1, 1.5, 2))
+    atlas = build(paths, [PaintedPicture(*each) for each in pictures.items()], scales=(1, 1.5, 2))
     check_consistent(atlas, 4)
     assert {patch.side_px for patch in atlas.patches} == {32, 48, 64}
     for patch in atlas.patches:

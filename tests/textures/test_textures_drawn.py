@@ -23,7 +23,7 @@ from semisynth_gl.textures.crops import texture_measure as texture_of
 from semisynth_gl.textures.drawn import KINDS, PLAIN, drawn_pictures
 from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.textures.images import read_image
-from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, unpack_atlas
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
@@ -96,7 +96,7 @@ def test_pictures_and_files_take_turns_and_no_more_are_painted_than_needed(tmp_p
     def endless():
         while True:
             asked.append(len(asked))
-            yield Picture(f"picture-{asked[-1]}", octaves(100 + asked[-1], 192))
+            yield PaintedPicture(f"picture-{asked[-1]}", octaves(100 + asked[-1], 192))
 
     atlas = built(endless(), files, max_patches=16)
     assert len(asked) == 2
@@ -109,9 +109,9 @@ def test_pictures_and_files_take_turns_and_no_more_are_painted_than_needed(tmp_p
 
 
 def test_what_is_wrong_with_pictures_is_left_out_or_said():
-    good, small = Picture("good", octaves(0, 192)), Picture("small", octaves(1)[:40])
-    flat = Picture("flat", np.full((192, 192, 3), 90, np.uint8))
-    atlas = built([good, flat, small, Picture("again", good.pixels)])
+    good, small = PaintedPicture("good", octaves(0, 192)), PaintedPicture("small", octaves(1)[:40])
+    flat = PaintedPicture("flat", np.full((192, 192, 3), 90, np.uint8))
+    atlas = built([good, flat, small, PaintedPicture("again", good.pixels)])
     report = atlas.report
     assert ({patch.source for patch in atlas.patches}, report.images_too_small) == ({"good"}, 1)
     assert report.total("flat") == sum(count.flat for count in report.counts if count.source == "flat") > 0
@@ -122,13 +122,13 @@ def test_what_is_wrong_with_pictures_is_left_out_or_said():
 
     for pixels in (np.zeros((9, 9, 3)), np.zeros((9, 9, 4), np.uint8), [[[1, 2, 3]]]):
         with pytest.raises(InputError, match="picture 'mine': expected an array"):
-            Picture("mine", pixels)
+            PaintedPicture("mine", pixels)
 
 
 def test_pictures_beside_image_sequences_stay_within_the_layers(tmp_path, monkeypatch):
     monkeypatch.setattr(clips, "MOST_LAYERS", 96)
     files = save(tmp_path, **{f"{number}": octaves(number, 192) for number in range(8)})
-    pictures = [Picture(f"picture-{number}", octaves(100 + number, 192)) for number in range(8)]
+    pictures = [PaintedPicture(f"picture-{number}", octaves(100 + number, 192)) for number in range(8)]
     atlas = built(pictures, files, sequence=True, max_patches=48)
     assert len(atlas.layers) <= 96
     assert {patch.layer_count for patch in atlas.patches} == {1, 2}
@@ -141,7 +141,7 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch):
         for number in range(4):
             seed = int(rng.integers(1 << 30))
             painted.append(seed)
-            yield Picture(f"mine/{number}", octaves(seed) // np.uint8(255 if number == 2 else 1))
+            yield PaintedPicture(f"mine/{number}", octaves(seed) // np.uint8(255 if number == 2 else 1))
 
     monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], files=lambda _: (), pictures=source))
     section = TexturesSection(patch_px=64, scales=(1.0,), max_patches=40, large_px=96)

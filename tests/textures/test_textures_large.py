@@ -18,13 +18,13 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
 from semisynth_gl.textures.atlas import Patch, atlas_from_arrays
 from semisynth_gl.textures.large import MOST_LARGE, with_large_patches
-from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.prepare import prepare_atlas
 from semisynth_gl.textures.sources import SOURCES
 
 
 def picture(name, height, width, seed=0):
-    return Picture(name, noise(height, width, seed))
+    return PaintedPicture(name, noise(height, width, seed))
 
 
 def atlas_of(pictures):
@@ -72,7 +72,7 @@ def test_pictures_are_kept_in_memory_where_large_patches_may_be_cut_from_them(mo
             alive.append(sum(pixels() is not None for pixels in pictures))
             pixels = noise(64, 64, number) if number % 2 else np.full((64, 64, 3), 90, np.uint8)
             pictures.append(weakref.ref(pixels))
-            yield Picture(f"mine/{number}", pixels)
+            yield PaintedPicture(f"mine/{number}", pixels)
 
     monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], files=lambda _: (), pictures=source))
     for keys, most in (({"large_px": 64}, 6), ({"large_px": 64, "sequence": True}, 0), ({"large_px": 0}, 0)):

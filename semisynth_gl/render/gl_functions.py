@@ -22,7 +22,7 @@ _UINT, _INT = ctypes.c_uint, ctypes.c_int
 _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
 
 
-class UnboundCalls:
+class GLFunctions:
     """OpenGL 4.5 functions of one context; ``load`` returns the address of a named function."""
 
     def __init__(self, load: Callable[[str], int]) -> None:

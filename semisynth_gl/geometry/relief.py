@@ -1,4 +1,4 @@
-"""The mean silhouette of models over all directions: the area that a model covers on the screen, and its relief.
+"""The mean relief of models over all directions: the area that a model covers on the screen, and its heights.
 
 It is measured from small height maps of each model from several sides.
 """
@@ -23,7 +23,7 @@ _QUANTILES = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Silhouette:
+class MeanRelief:
     """A mean over models, directions and scales, in units of the bounding sphere's radius before stretching.
 
     Attributes:
@@ -36,9 +36,9 @@ class Silhouette:
     heights: Floats
 
 
-def mean_silhouette(
+def mean_relief(
     models: Sequence[Mesh], chances: Floats, section: ParticlesSection, rng: np.random.Generator
-) -> Silhouette:
+) -> MeanRelief:
     """Average over M models by their chances, (M,), sum 1, over random directions, and the stretch of ``section``.
 
     Raises InputError where the models are too thin to cover anything.
@@ -65,7 +65,7 @@ def mean_silhouette(
     below = np.cumsum(weight[order])
     wanted = (np.arange(_QUANTILES) + 0.5) / _QUANTILES * below[-1]
     # Rounded, since machines may sum in different orders and digests of models are compared.
-    return Silhouette(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
+    return MeanRelief(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
 
 
 def sample_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> Floats:
