@@ -82,7 +82,7 @@ def make_rig(arrays: StereoArrays, size: ImageSize, alpha: float | None = None) 
         record = {"width_px": size.width_px, "height_px": size.height_px, "model": arrays.model}
         for index, eye in enumerate(EYES):
             raw[eye] = RawCamera.from_record(record | {"K": k[index], "D": d[index], "R": rectification[index]})
-    is_rectified = all(each.is_pinhole(camera, eye) for eye, each in raw.items())
+    is_rectified = all(each.is_rectified(camera, eye) for eye, each in raw.items())
     return RectifiedRig(camera, source, None if is_rectified else raw, tuple(arrays.notes))
 
 

@@ -51,19 +51,19 @@ class Crop(CheckedFields):
 
 
 MOST_TURN_RAD = np.deg2rad(10.0).item()
-"""Largest roll and pitch of a right camera: with more, nobody would ask a network for horizontal disparities."""
+"""Maximum roll and pitch of a right camera: beyond it, purely horizontal disparities are of no use."""
 MOST_FOCAL_RATIO = 1.25
-"""Largest ratio of the two focal lengths, for the same reason."""
+"""Maximum ratio of the two focal lengths, for the same reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraDeviation(CheckedFields):
-    """The deviation of a right camera from the rectified one, about its own centre.
+    """Deviation of a right camera from the rectified one; its centre stays in place.
 
     Attributes:
         roll_rad: right-handed rotation about z; a positive roll turns the image's content clockwise.
         pitch_rad: right-handed rotation about x, after the roll; a positive pitch moves the image's content upwards.
-        y_px: how much lower than the left principal point the right one lies.
+        y_px: y of the right principal point minus y of the left one.
         focal_ratio: the right focal length divided by the left one.
     """
 
@@ -99,7 +99,7 @@ class StereoCamera(CheckedFields):
             px of pixel 0.
         cx_right_px: x of the right principal point.
         cy_px: y of both principal points.
-        deviation: deviation of the right camera from the rectified one, which all other attributes describe.
+        deviation: deviation of the right camera from the rectified one; all other attributes are of rectified cameras.
         fy_over_fx: focal length in y divided by that in x; 1 for square pixels.
 
     Raises:
@@ -117,14 +117,14 @@ class StereoCamera(CheckedFields):
     fy_over_fx: Annotated[float, LEAST, MOST] = 1.0
 
     def __post_init__(self) -> None:
-        CheckedFields.__post_init__(self)  # super() does not find the class of a dataclass with slots
+        CheckedFields.__post_init__(self)  # super() fails in a dataclass with slots
         to_real("focal_y_px", self.focal_y_px, LEAST, MOST_PX)
 
     @classmethod
     def centred(
         cls, width_px: int, height_px: int, focal_px: float, baseline_m: float, doffs_px: float = 0.0
     ) -> "StereoCamera":
-        """Build a camera whose principal points lie at the image centre, half of ``doffs_px`` to either side."""
+        """Build a camera whose principal points lie half of ``doffs_px`` to the left and right of the image centre."""
         width_px, height_px = to_whole("width_px", width_px), to_whole("height_px", height_px)
         doffs_px = to_real("doffs_px", doffs_px)
         cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
@@ -141,9 +141,9 @@ class StereoCamera(CheckedFields):
         return cls(**known | {"deviation": CameraDeviation(**values.get("deviation", {}))})
 
     def values(self, *, deviation: bool = False) -> dict[str, Any]:
-        """Return the camera in JSON's types: the attributes by name, without a fy_over_fx of 1, and "doffs_px".
+        """Return the attributes and "doffs_px" by name, in JSON's types, without a fy_over_fx of 1.
 
-        A rectified pair has the key "deviation" only with ``deviation``.
+        A rectified pair has the key "deviation" only if ``deviation`` is set.
         """
         values = asdict(self)
         stated = values.pop("deviation")
@@ -175,7 +175,7 @@ class StereoCamera(CheckedFields):
     def scaled(self, x: float, y: float, size: tuple[int, int]) -> "StereoCamera":
         """Return the camera of both images at ``x`` times their width and ``y`` times their height.
 
-        ``size`` is the height and width of the result, px. The first pixels' outer corners stay where they are.
+        ``size`` is the height and width of the result, px. The outer corner of the first pixel keeps its position.
         """
         if x == y == 1:
             return self
@@ -197,8 +197,8 @@ class StereoCamera(CheckedFields):
         return self.deviation == RECTIFIED
 
     @property
-    def left_alone(self) -> tuple[float, ...]:
-        """The values on which the left view depends: cameras with equal values differ only in the right eye."""
+    def left_view_key(self) -> tuple[float, ...]:
+        """The values that decide the left view: cameras with equal values differ only in the right eye."""
         return self.width_px, self.height_px, self.focal_px, self.focal_y_px, self.cx_left_px, self.cy_px
 
     @property
@@ -235,14 +235,14 @@ class StereoCamera(CheckedFields):
     def disparity_px(self, depth_m: Floats | float) -> Floats:
         """Return the disparity x_left - x_right = f B / Z - doffs of planar depths, in a rectified pair.
 
-        The result is float64, of any shape, and not clamped. For all pairs, see `correspondence`.
+        The result is float64, of any shape, and not clamped. For deviating pairs, see `correspondence`.
         """
         return self.focal_baseline / np.asarray(depth_m, np.float64) - self.doffs_px
 
     def depth_m(self, disparity_px: Floats | float) -> Floats:
         """Return the planar depth Z = f B / (d + doffs) of disparities in a rectified pair; any shape, float64.
 
-        Inf, negative values and, with a baseline of 0, nan stand for no depth. For all pairs, see `depth_at`.
+        Inf, negative values and, with a baseline of 0, nan mean no depth. For deviating pairs, see `depth_at`.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.focal_baseline / (np.asarray(disparity_px, np.float64) + self.doffs_px)
@@ -257,7 +257,7 @@ class StereoCamera(CheckedFields):
         return directions if turn is None else directions @ turn
 
     def correspondence(self, eye: Eye, x_px: Floats, y_px: Floats, depth_m: Floats) -> Floats:
-        """Return the way from pixel positions in one view to the positions of the same points in the other view.
+        """Return the vectors from pixel positions in one view to the positions of the same points in the other view.
 
         ``depth_m`` (...) has the planar depths of the points in the view ``eye``, inf at infinity. The result is
         (..., 2) float64 px, right and down; not finite where the point is not in front of the other eye.
@@ -267,22 +267,22 @@ class StereoCamera(CheckedFields):
             return np.stack([along, np.zeros_like(along)], axis=-1)
         direction, shift, (cx, cy, fx, fy) = self._seen_from_other(eye, x_px, y_px)
         with np.errstate(divide="ignore", invalid="ignore"):
-            place = direction + shift / np.asarray(depth_m, np.float64)[..., None]
-            z = np.where(place[..., 2] > 0, place[..., 2], np.nan)
-            right = fx * place[..., 0] / z + (cx - np.asarray(x_px))
-            down = fy * place[..., 1] / z + (cy - np.asarray(y_px))
+            point = direction + shift / np.asarray(depth_m, np.float64)[..., None]
+            z = np.where(point[..., 2] > 0, point[..., 2], np.nan)
+            right = fx * point[..., 0] / z + (cx - np.asarray(x_px))
+            down = fy * point[..., 1] / z + (cy - np.asarray(y_px))
         return np.stack([right, down], axis=-1)
 
     def depth_at(self, eye: Eye, x_px: Floats, y_px: Floats, disparity_px: Floats) -> Floats:
         """Return the planar depths in one view, (...) float64 m, of pixels (...) with disparities x_left - x_right.
 
-        Inf, negative values and nan stand for no depth.
+        Inf, negative values and nan mean no depth.
         """
         if self.rectified:
             return self.depth_m(disparity_px)
         direction, shift, (cx, _, fx, _) = self._seen_from_other(eye, x_px, y_px)
         sign = -1 if eye == "left" else 1
-        # The column in the other view, from its principal point: an equation in which only the depth is unknown.
+        # The point's column in the other view, from the principal point. Its projection is solved for the depth.
         column = np.asarray(x_px, np.float64) + sign * np.asarray(disparity_px, np.float64) - cx
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(
@@ -299,7 +299,7 @@ class StereoCamera(CheckedFields):
     def _seen_from_other(
         self, eye: Eye, x_px: Floats, y_px: Floats
     ) -> tuple[Floats, Floats, tuple[float, float, float, float]]:
-        """Return pixels' directions (..., 3) and the eye's place (3,) in the other eye's frame, and that eye's lens."""
+        """Return pixels' directions (..., 3) and the eye's position (3,) in the other eye's frame, and its lens."""
         other = OTHER_EYE[eye]
         direction = self.rays(eye, x_px, y_px)
         shift = np.array([self.offset_m(eye) - self.offset_m(other), 0.0, 0.0])

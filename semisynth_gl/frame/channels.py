@@ -1,4 +1,4 @@
-"""The table of channels: what a view has of every pixel."""
+"""The table of channels, the quantities that a view has at every pixel."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
@@ -35,9 +35,9 @@ class Channel(Generic[Value]):
         meaning: the meaning of a value, with ``{view}`` and ``{other}`` for the names of the view and the other view.
         components: values per pixel; the array is (H, W) for 1, else (H, W, components).
         nothing: the value of a pixel that shows nothing, or for which the quantity does not exist.
-        output: the output that a user asks for to get the channel; None for a channel of every view that has truth.
+        output: the output by which a user requests the channel; None for a channel that needs no request.
         mask: the channel that says whether the other view, or the other moment, shows the same point.
-        is_truth: whether ``truth`` decides which views have the channel; else both views have it.
+        is_truth: whether only views with truth have the channel; see the config's ``truth``.
         name: the channel's name in `ViewArrays`.
     """
 
@@ -66,13 +66,13 @@ class Channel(Generic[Value]):
             return self
         array: NDArray[Value] | None = view.get(self.name)
         if array is None:
-            hint = "truth of this view" if self.output is None else f"the output {self.output}, in this view,"
+            hint = "truth of this view" if self.output is None else f"the output {self.output} of this view"
             raise AttributeError(f"this view has no {self.name}: {hint} was not made")
         return array
 
     @property
     def is_image(self) -> bool:
-        """Whether the array is an image, which is grey, (H, W), where the cameras are monochrome."""
+        """Whether the array is an image, which monochrome cameras make grey, (H, W)."""
         return self.name in ("image", "raw")
 
     def role(self, eye: Eye) -> str:
@@ -86,7 +86,7 @@ class Channel(Generic[Value]):
 
 
 class ViewArrays(Mapping[str, NDArray[Any]]):
-    """One eye's view: the arrays that were made, by the names of their channels.
+    """One eye's view: its arrays by the names of their channels.
 
     ``view.disparity`` and ``view["disparity"]`` are the same array; ``"flow" in view`` says whether there is flow.
 
@@ -95,7 +95,7 @@ class ViewArrays(Mapping[str, NDArray[Any]]):
             are not arrays, such as tensors, are not checked.
 
     Raises:
-        InputError: where there is no channel of a name, or an array has another dtype or number of components.
+        InputError: where there is no channel of a name, or an array has the wrong dtype or number of components.
     """
 
     image = Channel(_UINT8, "{view} image, 8-bit", 3, output=None, is_truth=False)
@@ -199,15 +199,15 @@ CHANNELS: Mapping[str, Channel[Any]] = {
 OUTPUTS: tuple[str, ...] = tuple(
     dict.fromkeys(channel.output for channel in CHANNELS.values() if channel.output is not None)
 )
-"""The outputs that a user may ask for besides images and disparities."""
+"""The outputs that a user may request besides images and disparities."""
 DEFAULT_OUTPUTS = ("visibility",)
 LENS_OUTPUTS = ("valid", "raw", "raw_map")
-"""The outputs that come with the lenses of a config's pairs."""
+"""The outputs that need lenses."""
 DRAWN_OUTPUTS = tuple(output for output in OUTPUTS if output not in LENS_OUTPUTS)
 """The outputs that a renderer makes."""
 FUTURE_OUTPUTS, PAST_OUTPUTS = frozenset({"flow", "disparity_change"}), frozenset({"flow_backward"})
 FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
-"""The outputs that compare the scene with the next or the previous frame, and need its motion."""
+"""The outputs that need the motion to the next or the previous frame."""
 
 ROLES: Mapping[str, tuple[Eye, Channel[Any]]] = {
     channel.role(eye): (eye, channel) for channel in CHANNELS.values() for eye in EYES

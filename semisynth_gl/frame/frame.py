@@ -1,4 +1,4 @@
-"""The renderer's answer: a stereo pair as arrays, top-left origin."""
+"""A rendered stereo pair as arrays, with the origin at the top left."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
     """Return the number of finite values, the smallest and the largest of them; all three are 0 where there is none."""
     if values.size:
         smallest, largest = values.min(), values.max()
-        # Two passes take an eighth of the time of a copy.
+        # Copying the finite values would take eight times as long.
         if np.isfinite(smallest) and np.isfinite(largest):
             return values.size, float(smallest), float(largest)
     finite = values[np.isfinite(values)]
@@ -37,8 +37,8 @@ class Frame:
 
     Disparity is x_left - x_right in px in both views. It is inf where nothing is seen, and where it would be zero or
     negative, unless the config's ``disparity.signed`` makes such values valid. Depth and normals are in each view's own
-    camera frame, which matters where the right camera deviates. Where truth was asked for only in the left view, the
-    right view has only its image and, as the outputs ask, its raw image and map.
+    camera frame, which matters where the right camera deviates. If only the left view has truth, the right view has its
+    image and, if requested, its raw image and map.
 
     Attributes:
         camera: the camera of the pair; that of the crop for a cropped pair.
@@ -64,10 +64,10 @@ class Frame:
         return self.left if eye == "left" else self.right
 
     def correspondences(self, eye: Eye) -> NDArray[np.float64]:
-        """Return the way from each pixel of a view to the same point in the other view, by the view's disparity.
+        """Return the vector from each pixel of a view to the same point in the other view, from the view's disparity.
 
         The result is (H, W, 2) float64 px, to the right and down, and nan where there is no disparity. The output
-        ``correspondence`` has the same values, rounded once.
+        ``correspondence`` has the same values, rounded to float32.
         """
         disparity = self.view(eye).disparity.astype(np.float64)
         disparity[~np.isfinite(disparity)] = np.nan
@@ -108,7 +108,7 @@ class Frame:
         return {role: view[name] for role, (view, name) in views.items() if name in view}
 
     def cropped(self, crop: Crop) -> "Frame":
-        """Return a crop of both views, as copies; its masks speak of the whole images, see `with_own_masks`.
+        """Return a crop of both views, as copies; its masks still refer to the whole images, see `with_own_masks`.
 
         Raw images stay whole, as their maps refer to them.
 
@@ -124,21 +124,21 @@ class Frame:
         return Frame(camera, left, right)
 
     def with_own_masks(self) -> "Frame":
-        """Return the frame with masks of its own images: 0 also where a point lies outside of a crop."""
+        """Return the frame with masks that refer to its own images: points outside a crop get 0."""
         views = []
         for eye in EYES:
             view, masks = self.view(eye), {}
             for name, channel in CHANNELS.items():
                 if channel.mask is not None and channel.mask in view:
-                    way = self.correspondences(eye) if name == "disparity" else view[name]
-                    masks[channel.mask] = np.where(_within(way), view[channel.mask], np.uint8(OUTSIDE))
+                    vectors = self.correspondences(eye) if name == "disparity" else view[name]
+                    masks[channel.mask] = np.where(_within(vectors), view[channel.mask], np.uint8(OUTSIDE))
             views.append(view.with_channels(masks))
         return Frame(self.camera, *views)
 
 
-def _within(way: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Return where ways (H, W, 2) from the pixels of an image end within it, (H, W) bool."""
-    height, width = way.shape[:2]
-    x, y = np.arange(width) + way[..., 0], np.arange(height)[:, None] + way[..., 1]
+def _within(vectors: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+    """Return where vectors (H, W, 2) from the pixels of an image end within it, (H, W) bool."""
+    height, width = vectors.shape[:2]
+    x, y = np.arange(width) + vectors[..., 0], np.arange(height)[:, None] + vectors[..., 1]
     within: NDArray[np.bool_] = (x >= -0.5) & (x < width - 0.5) & (y >= -0.5) & (y < height - 0.5)
     return within

@@ -1,4 +1,4 @@
-"""The camera of one eye before rectification: its sensor, its lens, and its turn against the rectified camera.
+"""The camera of one eye before rectification: its sensor, its lens, and its rotation to the rectified camera.
 
 The formulas are OpenCV's. A position is in px, and pixel centres have whole numbers. A direction is (x, y) at z = 1.
 """
@@ -15,9 +15,9 @@ LensModel = Literal["radial-tangential", "fisheye"]
 COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
 """Numbers of coefficients that OpenCV knows for each model of a lens."""
 
-# Newton's steps, and the width of the differences that stand for derivatives.
+# Maximum number of Newton's steps, and the width of the finite differences that replace derivatives.
 _STEPS, _DIFFERENCE = 30, 1e-6
-# A step goes this far at most, so that a start far from the solution does not end on another branch.
+# Maximum length of a step. With longer ones, a start far from the solution could lead to a wrong solution.
 _LONGEST_STEP = 0.3
 _NEAREST = 1e-12
 # Rounding of calibrations that are printed with six digits.
@@ -26,15 +26,11 @@ _PRINTED = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class RawCamera:
-    """A camera as it is: a pixel's direction is bent by the lens, and the sensor is turned against the rectified one.
+    """A camera before rectification: its lens bends directions, and it is rotated against the rectified camera.
+
+    ``fx_px`` and ``fy_px`` are the focal lengths, ``cx_px`` and ``cy_px`` the principal point.
 
     Attributes:
-        width_px: width of the sensor's image.
-        height_px: its height.
-        fx_px: focal length along x.
-        fy_px: focal length along y.
-        cx_px: x of the principal point.
-        cy_px: y of the principal point.
         model: OpenCV's ``radial-tangential`` (k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4), or ``fisheye`` (k1 to k4), which is
             Kannala and Brandt's.
         distortion: the model's coefficients: 4, 5, 8 or 12, for a fisheye 4.
@@ -53,7 +49,7 @@ class RawCamera:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
-        """Build a camera from what `record` returns; raises KeyError, TypeError or ValueError where it is no camera."""
+        """Build a camera from what `record` returns; raises KeyError, TypeError or ValueError if it is wrong."""
         (fx, _, cx), (_, fy, cy), _ = record["K"]
         rotation = tuple(tuple(float(each) for each in row) for row in record["R"])
         distortion = tuple(float(each) for each in record["D"])
@@ -68,7 +64,7 @@ class RawCamera:
         return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]], np.float64)
 
     def distorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Return where the lens bends directions (...) in the raw camera's frame, as directions (...)."""
+        """Return the directions (...) to which the lens bends directions (...), in the raw camera's frame."""
         k = self.distortion
         square = x * x + y * y
         if self.model == "fisheye":
@@ -88,7 +84,7 @@ class RawCamera:
         )
 
     def undistorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Return the directions (...) that the lens bends to directions (...), by Newton's method; nan for none."""
+        """Return the directions (...) that the lens bends to directions (...), by Newton's method; nan if it fails."""
         with np.errstate(all="ignore"):
             along, down = x, y
             if self.model == "fisheye":
@@ -104,7 +100,7 @@ class RawCamera:
                 off_x, off_y = x - x0, y - y0
                 step_x = (d * off_x - b * off_y) / determinant
                 step_y = (a * off_y - c * off_x) / determinant
-                # Longer steps are wanted far from the axis, where a small angle is a long way at z = 1.
+                # Far from the axis, steps may be longer: a small angle is a long distance at z = 1.
                 longest = _LONGEST_STEP * (1 + along * along + down * down)
                 shorter = np.minimum(1.0, longest / np.maximum(np.hypot(step_x, step_y), _NEAREST))
                 along, down = along + step_x * shorter, down + step_y * shorter
@@ -129,8 +125,8 @@ class RawCamera:
             x, y = self.distorted(along, down)
         return x * self.fx_px + self.cx_px, y * self.fy_px + self.cy_px
 
-    def is_pinhole(self, camera: StereoCamera, eye: Eye) -> bool:
-        """Return whether raw images are rectified already, to the rounding of printed calibrations."""
+    def is_rectified(self, camera: StereoCamera, eye: Eye) -> bool:
+        """Return whether raw images are rectified already, within the rounding of printed calibrations."""
         return (
             not np.any(self.distortion)
             and self.model != "fisheye"
@@ -164,7 +160,7 @@ class RawCamera:
 
 
 def _project(matrix: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Return the positions (...) to which a (3, 3) matrix takes points at z = 1; nan where their z is not positive."""
+    """Project points (...) at z = 1 by a (3, 3) matrix to positions (...); nan where the new z is not positive."""
     ray = np.stack([x, y, np.ones_like(x)], axis=-1) @ matrix.T
     with np.errstate(all="ignore"):
         ahead = np.where(ray[..., 2] > 0, ray[..., 2], np.nan)

@@ -237,7 +237,7 @@ class Renderer:
         if not cameras:
             raise InputError("expected at least one, got none", argument="cameras")
         for camera in cameras:
-            if camera.left_alone != scene.camera.left_alone:
+            if camera.left_view_key != scene.camera.left_view_key:
                 raise InputError(
                     f"cameras: expected cameras that differ from the scene's only in the right eye, {scene.camera}, "
                     f"got {camera}"

@@ -72,7 +72,7 @@ def test_a_view_has_its_channels_under_their_names():
     assert list(view) == ["image", "flow"]
     assert view.get("depth") is None
     assert list(view.with_channels({"depth": make_array("depth")})) == ["image", "flow", "depth"]
-    with pytest.raises(AttributeError, match=r"no normals: the output normals, in this view, was not made"):
+    with pytest.raises(AttributeError, match=r"no normals: the output normals of this view was not made"):
         view.normals  # noqa: B018 - the access raises
     with pytest.raises(AttributeError, match="no disparity: truth of this view was not made"):
         view.disparity  # noqa: B018 - the access raises

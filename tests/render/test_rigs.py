@@ -236,7 +236,7 @@ def test_scenes_are_made_for_their_longest_baseline():
         views, (alone,) = (sample_cameras(each, generator(0, Purpose.CAMERA, number)) for each in (section, plain))
         assert views[0] == alone
         assert len({view.baseline_m for view in views}) == 4
-        assert all(0.1 <= view.baseline_m <= 0.5 and view.left_alone == alone.left_alone for view in views)
+        assert all(0.1 <= view.baseline_m <= 0.5 and view.left_view_key == alone.left_view_key for view in views)
 
 
 def test_doffs_is_the_longest_baselines_unless_the_right_principal_point_is_stated():
