@@ -8,7 +8,7 @@ from semisynth_gl.codecs.codec import Codec, read_bytes
 from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.codecs.jpeg import GREY_JPEG, JPEG
 from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
-from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, ThreeEqual
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, GreyAsRgb
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, FlowPng16
 from semisynth_gl.frame.channels import Channel
 
@@ -26,7 +26,7 @@ FLOW_CODECS: Mapping[str, Codec[Any]] = {"flo": Flo(), "pfm": FlowPfm(), "png16"
 # Codec of grey images for each codec of RGB images that has one.
 _GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY8, JPEG: GREY_JPEG}
 
-# Codec of a channel by its dtype and components, where a dataset's encodings do not choose it.
+# Codec of all channels but images, disparities and flow, by dtype and components.
 _CODECS: Mapping[tuple[str, int], Codec[Any]] = {
     ("uint8", 1): GREY8,
     ("uint16", 1): GREY16,
@@ -57,15 +57,15 @@ class Encodings:
         return cls(IMAGE_CODECS[image], chosen, FLOW_CODECS[flow], signed)
 
     def in_grey(self, *, three: bool) -> "Encodings":
-        """Return the same formats for images of monochrome cameras, which are (H, W) uint8.
+        """Return encodings for images of monochrome cameras, which are (H, W) uint8.
 
-        If ``three``, or where their format has no grey, image files get three equal channels.
+        If ``three``, or if the format has no grey, image files get three equal channels.
         """
         grey = None if three else _GREY_CODECS.get(self.image)
-        return replace(self, image=grey or ThreeEqual(self.image))
+        return replace(self, image=grey or GreyAsRgb(self.image))
 
     def codec(self, channel: Channel[Any]) -> Codec[Any]:
-        """Return the codec of a channel's files; a dataset chooses it for images, disparities and flow."""
+        """Return the codec of a channel's files."""
         own = {"image": self.image, "raw": self.image, "disparity": self.disparity}
         own |= {"flow": self.flow, "flow_backward": self.flow}
         return own.get(channel.name) or _CODECS[channel.dtype.name, channel.components]

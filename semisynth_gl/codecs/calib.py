@@ -9,7 +9,7 @@ from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, ReadError
 
-# HSM takes lines by their position, such as ndisp from line 7, so the order matters.
+# HSM reads lines by their position, such as ndisp in line 7, so the order matters.
 _KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint", "vmin", "vmax", "dyavg", "dymax")
 
 
@@ -45,7 +45,7 @@ class MiddleburyCalib(Codec[CalibContent]):
         return "".join(f"{key}={text}\n" for key, text in zip(_KEYS, values, strict=True)).encode()
 
     def decode(self, data: bytes, path: Path) -> CalibContent:
-        """Decode a calibration, with lines in any order; that the last number is cut off is not noticed."""
+        """Decode a calibration, with lines in any order. It cannot tell whether the last number is cut off."""
         values = calib_values(data.decode("utf-8", "replace"))
         try:
             number = {key: float(values[key]) for key in _KEYS[2:]}
@@ -89,7 +89,7 @@ class KittiCalib(Codec[Any]):
         return ("\n".join(lines) + "\n").encode()
 
     def decode(self, data: bytes, path: Path) -> bytes:  # noqa: ARG002 - the codec's signature
-        """Return the bytes: a pair's JSON file has its cameras, too."""
+        """Return the bytes unchanged: the cameras are in a pair's JSON file too."""
         return data
 
 
@@ -97,6 +97,6 @@ MIDDLEBURY_CALIB, KITTI_CALIB = MiddleburyCalib(), KittiCalib()
 
 
 def calib_values(text: str) -> dict[str, str]:
-    """Return the values of ``name=value`` lines by name; they may stand in any order, with other lines and spaces."""
+    """Return the values of ``name=value`` lines by name; order, spaces and other lines are ignored."""
     lines = (line.partition("=") for line in text.splitlines())
     return {name.strip(): value.strip() for name, sign, value in lines if sign}

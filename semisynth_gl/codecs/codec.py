@@ -1,4 +1,4 @@
-"""The base of all codecs: one file format, in both directions, with its limits."""
+"""The base class of all codecs, and checks that they share."""
 
 import io
 import struct
@@ -55,7 +55,7 @@ class Codec(ABC, Generic[Value]):
         """
 
     def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return where a value, (H, W) or (H, W, C), is finite but the format cannot store it, (H, W) bool."""
+        """Return where a value, (H, W) or (H, W, C), is finite but cannot be stored, (H, W) bool."""
         return np.zeros(value.shape[:2], np.bool_)
 
     def read(self, path: Path) -> Value:
@@ -97,7 +97,7 @@ def decode_image(
 
 
 def check_size(data: bytes, header_bytes: int, pixel_bytes: int, width: int, height: int, path: Path) -> None:
-    """Raise ReadError where width or height is below 1, or too few or too many bytes for them follow the header."""
+    """Raise ReadError if a side is below 1, or the number of bytes after the header does not fit the sides."""
     if width < 1 or height < 1:
         raise ReadError(path, f"expected a width and height of 1 or more, got {width} x {height}")
     expected, present = pixel_bytes * width * height, len(data) - header_bytes
@@ -106,6 +106,6 @@ def check_size(data: bytes, header_bytes: int, pixel_bytes: int, width: int, hei
 
 
 def check_numbers(values: NDArray[np.float32], path: Path) -> None:
-    """Raise ReadError where (H, W, C) values have a NaN; inf is allowed, and stands for "no value"."""
+    """Raise ReadError if (H, W, C) values have a NaN; inf is allowed and means "no value"."""
     if np.isnan(values).any():
         raise ReadError(path, "expected a number at each pixel, or inf for none, got NaN")

@@ -19,7 +19,7 @@ MAP_EXTENSIONS = (".pfm", ".npy", ".png")
 def read_disparity_map(
     path: Path, png_steps: float = KITTI_DISPARITY.steps, *, signed: bool = False
 ) -> NDArray[np.float32]:
-    """Read a disparity map as (H, W) float32 px; the first bytes tell PFM, NumPy array and 16-bit grey PNG apart.
+    """Read a disparity map as (H, W) float32 px: a PFM, NumPy array or 16-bit grey PNG, by its first bytes.
 
     A PNG counts steps of 1/``png_steps`` px or, if ``signed``, steps of 1/256 px from 32768 on; its 0 becomes inf. The
     caller has to know which other values mean "no disparity".
@@ -58,7 +58,7 @@ def _read_npy(data: bytes, path: Path) -> NDArray[np.float32]:
     shape = values.shape
     if values.dtype.kind not in "fiu":
         raise ReadError(path, f"expected numbers, got {values.dtype}")
-    # Arrays saved by networks may still have axes of batch and channel.
+    # Arrays that networks saved may have axes for batch and channel.
     while values.ndim > 2 and 1 in (values.shape[0], values.shape[-1]):
         values = values[0] if values.shape[0] == 1 else values[..., 0]
     if values.ndim != 2 or values.size == 0:

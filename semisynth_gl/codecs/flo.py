@@ -22,7 +22,7 @@ class Flo(Codec[NDArray[np.float32]]):
     description = "Middlebury's .flo, float32"
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
-        """Encode a flow; both components become 1e10 where either is not finite or above 1e9, which means unknown."""
+        """Encode a flow; both components become 1e10, unknown, where either is not finite or above 1e9."""
         height, width = value.shape[:2]
         known = (np.abs(value) <= np.float32(_LARGEST)).all(axis=2, keepdims=True)
         header = _TAG + struct.pack("<ii", width, height)

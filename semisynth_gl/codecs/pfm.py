@@ -13,10 +13,10 @@ _HEADER = re.compile(rb"P[Ff]\s+([0-9]{1,9})\s+([0-9]{1,9})\s+([-+]?)[0-9.eE+-]{
 
 
 class Pfm(Codec[NDArray[np.float32]]):
-    """PFM of (H, W) float32, or of (H, W, 3) float32 with 3 ``components``; inf stands for "no value".
+    """PFM of (H, W) float32, or of (H, W, 3) float32 with 3 ``components``; inf means "no value".
 
-    `decode` also reads other people's PFM: big-endian, any scale, whose magnitude is ignored as benchmarks do, and any
-    white space in the header.
+    `decode` also reads other programs' PFM: big-endian, with any white space in the header and any scale, of which only
+    the sign is used, as by benchmarks.
     """
 
     name = "pfm"
@@ -49,7 +49,7 @@ class Pfm(Codec[NDArray[np.float32]]):
 
 
 class FlowPfm(Codec[NDArray[np.float32]]):
-    """SceneFlow's flow as PFM of three channels u, v and 0, from (H, W, 2) float32 px; inf stands for no flow."""
+    """SceneFlow's flow as PFM of three channels u, v and 0, from (H, W, 2) float32 px; inf means no flow."""
 
     name = "pfm"
     description = "PFM of three channels, u, v and 0, float32"

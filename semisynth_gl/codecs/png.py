@@ -1,4 +1,4 @@
-"""PNG of exactly one kind: a loader that gets another kind returns wrong values without an error."""
+"""PNG of one bit depth and colour type. Other types are rejected, since many loaders misread them silently."""
 
 import struct
 import zlib
@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs.codec import Codec, decode_image
 from semisynth_gl.inputs.errors import ReadError
 
-# PNG's filter that takes the difference to the pixel above. With one filter for all rows, a 1500 x 1000 pair takes a
+# PNG's filter that stores the difference to the pixel above. With one filter for all rows, a 1500 x 1000 pair takes a
 # seventh of the time of Pillow's fastest level, at the same file size.
 _FILTER_UP = 2
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _END = b"\x00\x00\x00\x00IEND\xaeB\x60\x82"
 # ISA-L's second fastest level.
 _LEVEL = 1
-# Number of bytes that ISA-L buffers ahead of the position at which it works.
+# Number of bytes that ISA-L buffers ahead of its position.
 _AHEAD = 288
 _GREY, _RGB = 0, 2  # colour types of the PNG specification
 _COLOURS = {_GREY: "grey", _RGB: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGB with alpha"}
 
 
 class Png(Codec[NDArray[Any]]):
-    """PNG of uint8 or uint16: (H, W) grey with 1 of ``components``, or (H, W, 3) RGB with 3."""
+    """PNG of uint8 or uint16: (H, W) grey if ``components`` is 1, (H, W, 3) RGB if it is 3."""
 
     name = "png"
 
@@ -65,8 +65,8 @@ class Png(Codec[NDArray[Any]]):
         return pixels if self._bits == 8 else pixels.astype(np.uint16)
 
 
-class ThreeEqual(Codec[NDArray[np.uint8]]):
-    """(H, W) uint8 grey, stored by the codec ``rgb`` as three equal channels; `decode` returns one of them."""
+class GreyAsRgb(Codec[NDArray[np.uint8]]):
+    """(H, W) uint8 grey, stored by the codec ``rgb`` as three equal channels; `decode` returns the first."""
 
     def __init__(self, rgb: Codec[NDArray[np.uint8]]) -> None:
         self.rgb = rgb
@@ -99,9 +99,9 @@ def _chunk(kind: bytes, data: bytes) -> tuple[bytes, ...]:
 def deflate(content: NDArray[np.uint8]) -> bytes:
     """Compress a contiguous array's bytes as a zlib stream, whose bytes do not depend on addresses in memory.
 
-    After the first byte of a stream, ISA-L 2.32 takes the hash of the third byte from a register that holds the
-    stream's address, so the address decides whether it finds a match. Therefore the first call lets ISA-L compress only
-    the first byte, and the second call reads all registers anew. Content too short for that is stored uncompressed.
+    After the first byte of a stream, ISA-L 2.32 reads the hash of the third byte from a register that holds the
+    stream's address, so the address decides whether a match is found. To avoid this, the first call compresses only the
+    first byte, and the second call sets all registers anew. Content too short for that is stored uncompressed.
     """
     flat = content.reshape(-1)
     if len(flat) <= _AHEAD:

@@ -35,8 +35,7 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode a disparity, rounded to whole steps; values that are not finite or out of range become 0.
 
-        An unsigned disparity below half a step is stored as one step, as KITTI's own tools do, since 0 means "no
-        disparity".
+        Since 0 means "no disparity", an unsigned disparity below half a step becomes one step, as by KITTI's own tools.
         """
         counts = _counts(value, self.steps, self._middle)
         valid = (counts <= _LARGEST) & (counts >= 1 if self.signed else value > 0)

@@ -21,7 +21,7 @@ def layout_names() -> tuple[str, ...]:
 
 @cache
 def find_layout(name: str) -> Layout:
-    """Return the layout with a name; raises InputError where there is none, or a plug-in's lacks a file it needs."""
+    """Return the layout with a name; raises InputError if there is none, or a plug-in's layout lacks a needed file."""
     if name in BUILT_IN:
         return BUILT_IN[name]
     layout: Layout = find_plugin("layouts", name).value

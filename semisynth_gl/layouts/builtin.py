@@ -1,6 +1,6 @@
 """The program's own layouts; docs/output.md says what reads them.
 
-Names with 0 belong to the left view. Images, disparities and flow in another encoding than the default end in its name.
+A 0 in a name means the left view. The endings of images, disparities and flow follow from their encodings.
 """
 
 import json
@@ -36,7 +36,7 @@ _SCENE = {
     "flow_visibility": "flow_mask{n}",
     "flow_backward_visibility": "flow_backward_mask{n}",
 }
-# What tells a pair's change to another moment, view by view.
+# Files about the motion to the next or previous frame, view by view.
 _FLOW = {
     channel.role(eye): view_stems(_SCENE, "{channel}{n}")[channel.role(eye)]
     for eye in EYES
@@ -49,7 +49,7 @@ _ABOUT = {"calibration": "calib", "provenance": "pair"}
 
 
 def _now(**names: str) -> dict[str, str]:
-    """Return names by role for the pair's own moment."""
+    """Return names by role of the files that are not about motion."""
     stems = view_stems(_SCENE | names, "{channel}{n}")
     return {role: stem for role, stem in stems.items() if role not in _FLOW}
 
@@ -59,7 +59,7 @@ _GT = _now(disparity="disp{n}GT")
 _MIDDLEBURY = Layout(
     stems=_below("MiddEval3/trainingF/{name}/", _GT | _VERTICAL | _FLOW | _ABOUT),
     lists={"MiddEval3/official_train.txt": "{name}\n"},
-    # Loaders of half or quarter size list the scenes in one folder and may read them in another.
+    # Loaders of half or quarter size list the scenes in one of these folders, and may read them in a different one.
     links={
         "carla-highres/trainingF": "../MiddEval3/trainingF",
         "MiddEval3/trainingH": "trainingF",
@@ -103,13 +103,13 @@ _MIDDLEBURY_2014 = Layout(
 
 
 # KITTI 2015. Masks have no file: they follow from disparities and flow, see `mask_from_not_occluded`. KITTI itself
-# lacks ``pairs`` and ``filenames``. In a dataset with flow, the number in a name is the sequence's, and each frame has
-# all files; loaders look for the first frame's calibration under the sequence's number without the frame's.
+# lacks the folders ``pairs`` and ``filenames``. In a dataset with flow, names have the numbers of sequence and frame,
+# and each frame has all files. Loaders look for the calibration of the first frame under the sequence's number only.
 
 # KITTI numbers frames with two digits from here on.
 _FIRST_FRAME = 10
 _PLAIN = {role: stem for role, stem in view_stems({}, "{channel}_{n}").items() if "visibility" not in role}
-# In the order in which a pair's files are listed.
+# A pair's files are listed in this order.
 _KITTI_FOLDERS = {
     "left": "image_2",
     "right": "image_3",
@@ -155,8 +155,8 @@ _KITTI = Layout(
 
 # SceneFlow's FlyingThings3D. Training pairs are under TRAIN and test pairs under TEST of one tree; validation pairs
 # are under TEST of another tree. Pair 0 is in A, pair 1 in B, pair 2 in C, pair 3 in A again. A folder holds up to 1000
-# frames, from 0000 on: loaders sort or list frames, and do not use their numbers. Loaders of flow take successive
-# images in a folder for successive frames. So in a dataset with flow, each folder is a sequence: sequence 0 is A/0000,
+# frames, from 0000 on: loaders sort or list frames, and do not use their numbers. Loaders of flow treat successive
+# images in a folder as successive frames. So in a dataset with flow, each folder is a sequence: sequence 0 is A/0000,
 # sequence 1 is B/0000, and frame k of a sequence is 000k.
 
 _THINGS = "SceneFlow/FlyingThings3D"
@@ -198,9 +198,9 @@ _SCENEFLOW = Layout(
         "filenames/sceneflow_{short_split}.txt": _PAIR_LINE,
         "filenames/SceneFlow_finalpass_{short_split}.txt": _PAIR_LINE,
     },
-    # PSMNet looks for disparities under the first one, RAFT-Stereo and IGEV for more images under the second one.
+    # PSMNet looks for disparities under the first path, RAFT-Stereo and IGEV for more images under the second.
     links={f"{_THINGS}/frames_disparity": "disparity", f"{_THINGS}/frames_finalpass": _CLEAN},
-    # PSMNet and HSM list these.
+    # PSMNet and HSM list these folders.
     folders=tuple(
         f"{_THINGS}/{folder}"
         for tree in (_CLEAN, "disparity")
@@ -218,8 +218,8 @@ _SCENEFLOW = Layout(
 
 
 # CREStereo. Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision needs pairs in all four. CREStereo's own
-# dataset has only images and disparities. WAFT-Stereo looks for the pairs a folder deeper than torchvision, under links
-# outside ``CREStereo``, which CREStereo's own loader walks.
+# dataset has only images and disparities. WAFT-Stereo looks for the pairs a folder deeper than torchvision. The links
+# for it are outside ``CREStereo``, since CREStereo's own loader walks that folder.
 
 _KINDS = ("shapenet", "reflective", "tree", "hole")
 
@@ -246,20 +246,19 @@ _CRESTEREO = Layout(
 )
 
 
-# WebDataset: shards are tars, whose files with one key, such as ``00000012``, are a pair: loaders take the text before
-# the first dot as the key. As Hugging Face demands, the JSON has the same keys with values of the same types in every
-# pair; its key ``provenance`` has the whole provenance as text.
+# WebDataset: shards are tars. Files with the same text before the first dot, such as ``00000012``, are a pair. Hugging
+# Face needs the same keys and types in the JSON of every pair, so the JSON has the whole provenance as text.
 
 _SIZES = ("width_px", "height_px")
 _LENGTHS = ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px", "doffs_px")
 
 
 def _facts(sample: StorablePair) -> dict[str, Any]:
-    """Return the facts that every pair has, and the provenance as text: loaders lose keys that only some pairs have."""
+    """Return facts that every pair has, and the provenance as text: loaders drop keys that only some pairs have."""
     provenance, camera = sample.provenance, sample.frame.camera
     numbers: dict[str, Any] = {name: int(getattr(camera, name)) for name in _SIZES}
     numbers |= {name: float(getattr(camera, name)) for name in _LENGTHS}
-    # Either all pairs of a dataset have these or none: a rectified twin states a deviation of zero.
+    # All pairs of a dataset have these, or none: rectified pairs of a deviating rig have a deviation of zero.
     recorded = provenance.get("camera", {})
     numbers |= {key: recorded[key] for key in ("fy_over_fx", "deviation") if key in recorded}
     beyond = provenance.get(ViewArrays.disparity.beyond_key, {})
@@ -280,7 +279,7 @@ def _facts(sample: StorablePair) -> dict[str, Any]:
 
 
 class _Facts(JsonObject):
-    """The JSON of `_facts`; it is decoded to the provenance."""
+    """The JSON of `_facts`; `decode` returns the provenance."""
 
     def decode(self, data: bytes, path: Path) -> dict[str, Any]:
         text = super().decode(data, path).get("provenance")

@@ -15,14 +15,14 @@ _SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val",
 
 @dataclass(frozen=True, slots=True)
 class PairKey:
-    """The identity of a pair in a dataset, after which layouts name its files.
+    """The identity of a pair in a dataset; layouts name its files by it.
 
     Attributes:
         config: the config's name; letters, digits and hyphens.
         index: the pair's number in the split, from 0.
-        sequence_length: see `sequence_length`; None where names only tell pairs apart.
-        views: number of pairs that show each scene, see `semisynth_gl.config.Config.views`. Loaders then see one
-            sequence for each right view, whose frames are every ``views``-th pair.
+        sequence_length: see `sequence_length`; None if names do not show sequences.
+        views: number of pairs that show each scene, see `semisynth_gl.config.Config.views`. Loaders see a sequence for
+            each right view; its frames are every ``views``-th pair.
     """
 
     config: str
@@ -46,12 +46,12 @@ class PairKey:
 
     @property
     def name(self) -> str:
-        """A name for the pair; up to a million pairs, names sort in the order of the indices."""
+        """The pair's name; up to a million pairs, names sort in the order of the indices."""
         return f"{self.config}-{self.index:06d}"
 
 
 def sequence_length(config: Config) -> int | None:
-    """Return the number of frames that loaders of flow see in a sequence; None for a dataset without flow."""
+    """Return the number of frames in a sequence of a dataset with flow; None without flow."""
     return config.sequence.length if FLOW_OUTPUTS.intersection(config.outputs) else None
 
 
@@ -63,21 +63,21 @@ class Layout:
     are those of the pair's `PairKey`, and ``{short_split}`` is train, val or test. Paths are below the split's folder.
 
     Attributes:
-        stems: the path of each file of a pair by role, without its ending; inside the shard's tar where packed.
+        stems: the path of each file of a pair by role, without the ending; inside the shard's tar if packed.
         fields: returns further values for the templates.
-        lists: files about the pairs of a split: by path, the line of a pair, with the path of each file of the pair by
-            its role, such as ``{left}``. Duplicate lines are dropped.
+        lists: files that list the pairs of a split: the line for a pair, by the list's path. A role in the line, such
+            as ``{left}``, is replaced by the path of the pair's file. Duplicate lines are dropped.
         links: symbolic links by path; the target is relative to the link's folder.
         flow_links: more links, in datasets with an output of flow.
-        folders: folders that loaders list even where they are empty.
+        folders: folders that loaders list even if they are empty.
         together: splits that share the dataset's root instead of getting a folder each.
         roles: roles that differ from those of `ROLES`.
-        packed: whether the files of a shard are packed into one tar; else each file stands in a folder.
+        packed: whether the files of a shard are packed into one tar; else they are in folders.
         needs: outputs that every dataset in this layout must have.
         lacks: outputs for which the layout has no files, since none of its loaders could read them.
         encodings: the layout's own encodings; None where the config's section ``files`` chooses them.
-        three_channels: whether grey images get three equal channels, since loaders fail at one.
-        most_frames: largest number of frames of a sequence that the layout's names can count; None for no limit.
+        three_channels: whether grey images get three equal channels, for loaders that fail at one.
+        most_frames: maximum number of frames in a sequence with flow, due to the names; None for no limit.
     """
 
     stems: Mapping[str, str]
@@ -104,7 +104,7 @@ class Layout:
     ) -> dict[str, str]:
         """Return the path of each file of a pair by role, below the split's folder or inside the shard's tar.
 
-        Without ``outputs``, these are all files that the layout knows; ``truth`` says which views have truth.
+        Without ``outputs``, these are the files of all outputs. ``truth`` says which views have truth.
         """
         files, values = {}, self._values(key)
         for name, stem in self.stems.items():
@@ -115,7 +115,7 @@ class Layout:
         return files
 
     def lists_of(self, keys: Sequence[PairKey], encodings: Encodings) -> dict[str, bytes]:
-        """Return the bytes of the lists about the pairs of a split, by path."""
+        """Return the bytes of a split's `lists` by path."""
         texts = {}
         for path, line in self.lists.items():
             lines = dict.fromkeys(line.format_map(self._values(key) | self.files(key, encodings)) for key in keys)
@@ -123,7 +123,7 @@ class Layout:
         return texts
 
     def links_of(self, keys: Sequence[PairKey]) -> dict[str, str]:
-        """Return the targets of the links to the pairs of a split, by path."""
+        """Return the targets of a split's links by path."""
         templates = {**self.links, **(self.flow_links if keys[0].sequence_length else {})}
         return {
             path.format_map(values): target.format_map(values)
@@ -132,7 +132,7 @@ class Layout:
         }
 
     def folder(self, split: SplitName, splits: Collection[SplitName]) -> str:
-        """Return a split's folder below the dataset's, "" or ending in a slash, in a dataset of these splits."""
+        """Return a split's folder below the dataset's, "" or ending in a slash; ``splits`` are all of the dataset."""
         return "" if len(splits) == 1 or split in self.together else f"{split}/"
 
     def encodings_for(self, config: Config) -> Encodings:

@@ -26,10 +26,10 @@ _LARGEST_OBJECT = 255
 
 
 class StorablePair(NamedTuple):
-    """A pair to be encoded; values of its frame that the codecs cannot store are already invalid.
+    """A pair to be encoded. Values of its frame that the codecs cannot store are already marked as invalid.
 
-    ``provenance`` says in JSON's types how the pair was made, and ``ndisp`` is an upper bound of its disparities in
-    whole pixels.
+    ``provenance`` says how the pair was made, in JSON's types. ``ndisp`` is an upper bound of its disparities in whole
+    pixels.
     """
 
     frame: Frame
@@ -43,11 +43,11 @@ class FileRole:
 
     Attributes:
         meaning: the content in a few words.
-        codec: returns the file's codec in a dataset with some encodings.
-        value: returns the value of a sample that the codec encodes.
+        codec: returns the file's codec for a dataset's encodings.
+        value: returns the value that the codec encodes.
         output: the output to which the file belongs; None for a file that every pair has.
         eye: the view whose truth the file holds; None for images, their maps, and files about the pair.
-        arrays: arrays of the frame that the value needs, by role; pairs that lack one get no such file.
+        arrays: roles of the arrays that the value needs; a pair that lacks one gets no such file.
     """
 
     meaning: str
@@ -59,7 +59,7 @@ class FileRole:
 
 
 def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
-    """Return the name of the role of a channel's values at visible points only, such as ``not_occluded_left``."""
+    """Return the role of a channel's values at visible points only, such as ``not_occluded_left``."""
     return f"{channel.name.removeprefix('disparity')}_not_occluded_{eye}".removeprefix("_")
 
 
@@ -81,12 +81,12 @@ def mask_from_not_occluded(
 def restore_outside(mask: NDArray[np.uint8], truth: NDArray[np.float32], eye: Eye) -> NDArray[np.uint8]:
     """Return a file's mask with a frame's values: OUTSIDE for hidden points beyond the other image's border.
 
-    ``truth`` is the disparity or flow of the view ``eye``, (H, W) or (H, W, 2) float32 px, inf where unknown. The
-    renderer compares positions in float32 too, but a rounded disparity may fall on the other side of the border. A 0 in
-    the file stays 0, even where there is truth.
+    ``truth`` is the disparity or flow of the view ``eye``, (H, W) or (H, W, 2) float32 px, inf where unknown. A point
+    next to the border may differ from the frame's mask, since files round disparities. A 0 in the file
+    stays 0, even where there is truth.
     """
     height, width = mask.shape
-    # Without truth, the point's position is unknown: NaN lies on no side of a border.
+    # Without truth, the point's position is unknown. NaN is neither inside nor outside.
     shift = np.where(np.isfinite(truth), truth, np.float32(np.nan)).reshape(height, width, -1)
     along = -shift[..., 0] if truth.ndim == 2 and eye == "left" else shift[..., 0]
     outside = _is_outside(np.arange(width, dtype=np.float32) + along, width)
@@ -98,8 +98,7 @@ def restore_outside(mask: NDArray[np.uint8], truth: NDArray[np.float32], eye: Ey
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
     """Return KITTI's map of objects, (H, W): 0 for no instance and for instances that are "still", else 1 to 255.
 
-    ``instances`` are (H, W) ids, and row k of the provenance's ``table`` describes id k + 1. Ids above 255 begin again
-    at 1.
+    ``instances`` are (H, W) ids, and row k of the provenance's ``table`` describes id k + 1. After 255 comes 1 again.
     """
     objects = [0, *(0 if row["still"] else 1 + number % _LARGEST_OBJECT for number, row in enumerate(table))]
     return np.array(objects, np.uint8)[instances]
@@ -116,12 +115,12 @@ def _is_outside(position: NDArray[np.float32], length: int) -> NDArray[np.bool_]
 
 
 def _stored_mask(truth: Channel[Any], view: ViewArrays) -> NDArray[np.uint8]:
-    """Return the mask of a disparity or flow as files have it: points outside the other image count as occluded.
+    """Return the mask of a disparity or flow as Middlebury's files have it.
 
-    As in Middlebury's files, a pixel is 255 where its point is visible too, 128 where it is hidden, and 0 where there
+    A pixel is 255 where its point is also visible there, 128 where it is hidden or outside the image, and 0 where there
     is no truth.
     """
-    # OUTSIDE is 0, so that the maximum turns it into OCCLUDED where there is truth.
+    # OUTSIDE is 0, so the maximum turns it into OCCLUDED where there is truth.
     stored = _is_known(view[truth.name]).view(np.uint8)
     stored *= np.uint8(OCCLUDED)
     mask: NDArray[np.uint8] = view[str(truth.mask)]
@@ -156,7 +155,7 @@ def _roles_of(eye: Eye) -> dict[str, FileRole]:
     """Return the roles of the files about one view."""
 
     def role(meaning: str, like: Channel[Any], value: Callable[[ViewArrays], Any], *channels: Channel[Any]) -> FileRole:
-        """Return the role of a file with the codec of ``like``, and the output of the first channel that it needs."""
+        """Return the role of a file that needs ``channels``, with the output of the first and the codec of ``like``."""
         return FileRole(
             meaning.format(view=eye, other=OTHER_EYE[eye]),
             methodcaller("codec", like),

@@ -14,7 +14,7 @@ from tiny_datasets import cheap, findings
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.jpeg import GREY_JPEG, JPEG
-from semisynth_gl.codecs.png import RGB8, ThreeEqual
+from semisynth_gl.codecs.png import RGB8, GreyAsRgb
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES
@@ -73,7 +73,7 @@ def test_every_layout_gives_one_channel_back_and_loaders_what_they_can_read(name
 def test_files_of_another_kind_are_refused():
     coloured = make_frame(0).left.image
     for codec, image, message in (
-        (ThreeEqual(RGB8), RGB8.encode(coloured), "of a monochrome camera, got channels that differ"),
+        (GreyAsRgb(RGB8), RGB8.encode(coloured), "of a monochrome camera, got channels that differ"),
         (GREY_JPEG, JPEG.encode(coloured), "expected .* L, got RGB"),
     ):
         with pytest.raises(ReadError, match=message):
