@@ -1,1 +1,1 @@
-"""What a lens and a sensor do to an image before it is rectified."""
+"""The lens and sensor of an eye, and the rectification of its images."""

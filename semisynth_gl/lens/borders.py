@@ -1,4 +1,4 @@
-"""The borders that a rectification leaves: where a sensor saw nothing, and what that means for masks."""
+"""The borders of rectified images, where the sensor saw nothing, and the masks there."""
 
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -11,7 +11,7 @@ from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Vi
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.chain import LensChain
 
-# The masks, by the truth that leads from a pixel to its point in the other view or at another moment.
+# The masks, by the truth that gives a point's position in the other view or at the other moment.
 _MASKS = {name: channel.mask for name, channel in CHANNELS.items() if channel.mask is not None}
 # The channels that are computed from a pixel's disparity.
 _OF_DISPARITY = ("disparity", "correspondence", "disparity_change", "visibility")
@@ -20,23 +20,20 @@ _OF_DISPARITY = ("disparity", "correspondence", "disparity_change", "visibility"
 def with_borders(
     frame: Frame, chains: Mapping[Eye, LensChain], outputs: Collection[str], *, border_disparity: bool
 ) -> Frame:
-    """Return a frame whose masks leave out what a sensor did not see, in either view or at either moment.
+    """Return a whole frame whose masks exclude points in a border, in either view or at either moment.
 
-    Args:
-        frame: a whole pair.
-        chains: each eye's lens.
-        outputs: of the dataset; ``valid`` is added to views that have truth.
-        border_disparity: whether disparities stay that the view's own sensor did not see, as all other truth does.
+    The output ``valid`` is added to views that have truth. ``border_disparity`` says whether disparities in the view's
+    own border stay; all other truth does.
     """
     valid = {eye: chain.valid for eye, chain in chains.items()}
     views: dict[Eye, ViewArrays] = {}
     for eye in EYES:
         view = frame.view(eye)
         changed: dict[str, NDArray[Any]] = {}
-        for leading, mask in _MASKS.items():
+        for channel, mask in _MASKS.items():
             if mask in view:
-                # Files store only whether a point is visible, so OCCLUDED stands for a border too.
-                most = np.where(bordered(frame, eye, valid, leading), np.uint8(OCCLUDED), np.uint8(VISIBLE))
+                # Files store only whether a point is visible, so borders are OCCLUDED too.
+                most = np.where(bordered(frame, eye, valid, channel), np.uint8(OCCLUDED), np.uint8(VISIBLE))
                 changed[mask] = np.minimum(view[mask], most)
         if "valid" in outputs and "disparity" in view:
             changed["valid"] = np.where(valid[eye], np.uint8(VISIBLE), np.uint8(OUTSIDE))
@@ -51,19 +48,15 @@ def with_borders(
 
 
 def bordered(
-    frame: Frame, eye: Eye, valid: Mapping[Eye, NDArray[np.bool_]], leading: str = "disparity"
+    frame: Frame, eye: Eye, valid: Mapping[Eye, NDArray[np.bool_]], channel: str = "disparity"
 ) -> NDArray[np.bool_]:
-    """Return the pixels, (H, W) bool, whose point lies in a border, in this view or where ``leading`` points to.
+    """Return the pixels, (H, W) bool, whose point lies in a border, in this view or where ``channel`` leads.
 
-    Args:
-        frame: the pair.
-        eye: the view.
-        valid: (H, W) bool by eye, where its sensor saw something.
-        leading: the view's channel that leads to the other place: ``disparity`` to the other eye's view, ``flow`` or
-            ``flow_backward`` to the same view at another moment.
+    The channel ``disparity`` leads to the other view, ``flow`` and ``flow_backward`` to the same view at the next and
+    the previous frame. ``valid`` is (H, W) bool for each eye, True where its sensor saw something.
     """
-    if leading != "disparity":
-        return ~(valid[eye] & valid_at(valid[eye], *np.moveaxis(frame.view(eye)[leading], 2, 0)))
+    if channel != "disparity":
+        return ~(valid[eye] & valid_at(valid[eye], *np.moveaxis(frame.view(eye)[channel], 2, 0)))
     if frame.camera.rectified:
         disparity = frame.view(eye).disparity
         along, down = -disparity if eye == "left" else disparity, np.float32(0)
@@ -77,7 +70,7 @@ def valid_at(
 ) -> NDArray[np.bool_]:
     """Return where the pixel nearest to a vector's end is valid, (H, W) bool; True outside the image.
 
-    ``along`` and ``down`` are (H, W) px, from each pixel; not finite vectors end outside.
+    ``along`` and ``down`` are (H, W) px, from each pixel. Vectors that are not finite end outside.
     """
     height, width = valid.shape
     if valid.all():
@@ -86,5 +79,5 @@ def valid_at(
         column = np.rint(np.arange(width, dtype=np.float32) + along)
         row = np.rint(np.arange(height)[:, None] + down)
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    place = np.where(inside, row * width + column, 0).astype(np.intp)
-    return np.asarray(valid.ravel().take(place) | ~inside)
+    position = np.where(inside, row * width + column, 0).astype(np.intp)
+    return np.asarray(valid.ravel().take(position) | ~inside)

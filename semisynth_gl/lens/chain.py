@@ -1,10 +1,10 @@
 """From a pinhole image to a rectified one: through lens and sensor, and back by OpenCV's maps.
 
-    drawn image    the pinhole of the rectified camera, at least as dense as the sensor
+    drawn image    by a pinhole camera with the rectified view, at least as dense as the sensor
     raw image      what the sensor sees; imperfections belong here
     rectified      by ``initUndistortRectifyMap`` and ``remap``, bilinear, as users' programs rectify
 
-Truth takes no part: it stays that of the rectified pixel's centre.
+Truth does not pass the lens: it is computed at the centre of each rectified pixel.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv
 
-# Directions are found exactly at a grid of raw pixels, and by cubic interpolation between them.
+# Step of the grid of raw pixels at which directions are exact; between them, they are interpolated by cubics.
 _GRID_PX = 16
 # Tolerance, px, of the round trip through lens and inverse.
 _INVERSE_PX = 1e-3
-# Densities below this count as 1: over the widest image, that is 2 px at most.
+# Densities below this are treated as 1: over the widest image, they would add 2 px at most.
 _SAME_DENSITY = 1 + 1e-4
 # Rounding of OpenCV's float32 maps, px, at a border.
 _BORDER_PX = 1e-3
@@ -32,16 +32,10 @@ _BORDER_PX = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class LensChain:
-    """One eye's lens and its rectification.
+    """One eye's lens ``raw`` and its rectification to the pair ``camera``.
 
-    Attributes:
-        raw: the camera before rectification.
-        camera: the rectified pair.
-        eye: the eye.
-        border: what the rectified image has where the sensor saw nothing: black, or the nearest pixels' colours.
-
-    Raises:
-        InputError: where OpenCV is missing, or the lens bends two directions of the rectified image to one pixel.
+    ``border`` says how the rectified image is filled where the sensor saw nothing: black, or the nearest pixels'
+    colours. Raises InputError where OpenCV is missing, or the lens bends two rectified directions to one raw pixel.
     """
 
     raw: RawCamera
@@ -87,7 +81,7 @@ class LensChain:
     def raw_map(self) -> NDArray[np.float32]:
         """Both maps as one array, (H, W, 2) float32 px: column and row; inf behind the raw camera."""
         positions = np.stack(self.maps, axis=2)
-        # Depth in the raw camera's frame of the pixels' points at depth 1, which is linear over the image.
+        # Of points at depth 1, the depth in the raw camera's frame is linear over the image.
         across, down, middle = np.array(self.raw.rotation)[:, 2] @ np.linalg.inv(self.pinhole)
         rows, columns = (np.arange(side) for side in positions.shape[:2])
         ahead = across * columns + down * rows[:, None] + middle > 0
@@ -96,7 +90,7 @@ class LensChain:
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """Where the raw image has the four pixels that a rectified one is mixed from, (H, W) bool."""
+        """Where the raw image has all four pixels from which the rectified one is interpolated, (H, W) bool."""
         x, y = np.moveaxis(self.raw_map, 2, 0)
         inside: NDArray[np.bool_] = (x >= -_BORDER_PX) & (x <= self.raw.width_px - 1 + _BORDER_PX)
         inside &= (y >= -_BORDER_PX) & (y <= self.raw.height_px - 1 + _BORDER_PX)
@@ -118,14 +112,9 @@ class LensChain:
         return most if most > _SAME_DENSITY else 1.0
 
     def raw_image(self, drawn: NDArray[np.uint8], density: float) -> NDArray[np.uint8]:
-        """Return what the sensor sees of a drawn image, whose border is replicated.
+        """Return what the sensor sees of a drawn image, (H, W, 3) or (H, W) uint8; the image's border is replicated.
 
-        Args:
-            drawn: the image of the scaled camera, (H, W, 3) or (H, W) uint8.
-            density: how much denser than the rectified image it is.
-
-        Returns:
-            (H, W, 3) or (H, W) uint8, of the sensor's size.
+        ``density`` is how much denser than the rectified image the drawn one is.
         """
         x, y = self._sensor_maps
         if density != 1:
@@ -135,21 +124,17 @@ class LensChain:
         return seen
 
     def within_view(self, raw_image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a raw image that is black beyond the rectified view; `rectify` makes the same of both.
-
-        Args:
-            raw_image: (H, W, 3) or (H, W) uint8, of the sensor's size.
-        """
+        """Return a raw image that is black beyond the rectified view; `rectify` returns the same for both."""
         shown = self.shown
         return np.where(shown[..., None] if raw_image.ndim == 3 else shown, raw_image, np.uint8(0))
 
     @cached_property
     def shown(self) -> NDArray[np.bool_]:
-        """The raw pixels that show a point of the rectified image, or that it is mixed from, (H, W) bool."""
+        """The raw pixels that lie in the rectified view, or are read to interpolate it, (H, W) bool."""
         width, height = self.camera.width_px, self.camera.height_px
         columns, rows = self._sensor_maps
         within = (columns >= -0.5) & (columns < width - 0.5) & (rows >= -0.5) & (rows < height - 0.5)
-        # A pixel is mixed from up to four, which are the nearest one's neighbours; beyond the sensor, from its border.
+        # A rectified pixel reads up to four raw pixels beside the nearest; beyond the sensor, it reads its border.
         nearest = np.zeros(within.shape, np.uint8)
         x, y = self.maps
         last_x, last_y = self.raw.width_px - 1, self.raw.height_px - 1
@@ -158,8 +143,8 @@ class LensChain:
             read &= (x > -1) & (x < last_x + 1) & (y > -1) & (y < last_y + 1)
         column, row = (np.rint(at[read].clip(0, last)).astype(np.intp) for at, last in ((x, last_x), (y, last_y)))
         nearest[row, column] = 1
-        mixed: NDArray[np.bool_] = self._cv2.dilate(nearest, np.ones((3, 3), np.uint8)) > 0
-        return within | mixed
+        interpolated: NDArray[np.bool_] = self._cv2.dilate(nearest, np.ones((3, 3), np.uint8)) > 0
+        return within | interpolated
 
     @cached_property
     def _sensor_maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -169,12 +154,12 @@ class LensChain:
         down, below = _cubic(raw.height_px)
         grid = np.meshgrid(along, below)
         far = 4.0 * np.max([self.camera.width_px, self.camera.height_px])
-        # Pixels beyond the rectified view show its border; cubes of what is far beyond would swing into it.
+        # Pixels beyond the view show its border. Positions far beyond it would make the cubics swing within it.
         x, y = (np.clip(np.nan_to_num(each, nan=-far), -far, far) for each in raw.rectified(self.pinhole, *grid))
-        # Float32 has room for displacements to 1e-5 px, not for positions.
+        # Float32 holds displacements to 1e-5 px, but not positions.
         columns, rows = (
-            (down @ (each - place)).astype(np.float32) @ across.T.astype(np.float32)
-            for each, place in zip((x, y), grid, strict=True)
+            (down @ (each - at)).astype(np.float32) @ across.T.astype(np.float32)
+            for each, at in zip((x, y), grid, strict=True)
         )
         columns += np.arange(raw.width_px, dtype=np.float32)
         rows += np.arange(raw.height_px, dtype=np.float32)[:, None]
@@ -192,11 +177,11 @@ def _cubic(count: int) -> tuple[Floats, Floats]:
     """Return the weights of cubic interpolation from a grid to ``count`` pixels, (count, N), and the grid, (N,) px."""
     number = max(4, -(-(count - 1) // _GRID_PX) + 1)
     grid = np.linspace(0, count - 1, number)
-    place = np.arange(count) / max(count - 1, 1) * (number - 1)
-    first = np.clip(np.floor(place).astype(int) - 1, 0, number - 4)
+    position = np.arange(count) / max(count - 1, 1) * (number - 1)
+    first = np.clip(np.floor(position).astype(int) - 1, 0, number - 4)
     weights = np.zeros((count, number))
     for k in range(4):
         others = [first + each for each in range(4) if each != k]
-        weight = np.prod([(place - other) / (first + k - other) for other in others], axis=0)
+        weight = np.prod([(position - other) / (first + k - other) for other in others], axis=0)
         weights[np.arange(count), first + k] = weight
     return weights, grid

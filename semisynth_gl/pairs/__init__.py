@@ -1,1 +1,1 @@
-"""Pairs of a config: renders their scenes, checks them, and adds a rig's imperfections."""
+"""Pairs of a config: rendered, checked, and seen through the lenses and imperfections of a rig."""

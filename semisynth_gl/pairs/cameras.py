@@ -1,7 +1,7 @@
-"""What the cameras of a rig make of rendered images: exposed, bent by lenses, made imperfect, and rectified.
+"""The cameras of a rig: they expose rendered images, bend them by lenses, add imperfections, and rectify them.
 
-An exposure is the mean of images of several moments, which lie symmetrically about the frame's own time: the blurred
-image of a steadily moving point is centred on its place in the truth.
+An exposure is the mean of images at several moments, symmetrically about the frame's own time. So the truth is the
+middle of a steadily moving point's blurred image.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,37 +29,28 @@ Channels = dict[str, NDArray[Any]]
 
 
 class RigCameras:
-    """The cameras of a dataset's rig.
-
-    Args:
-        config: the configuration.
-        seed: of the split.
-        renderer: renders what frames lack: other moments, and denser images.
-    """
+    """The cameras of a rig. ``seed`` is the split's; ``renderer`` renders other moments and denser images."""
 
     def __init__(self, config: Config, seed: int, renderer: Renderer) -> None:
         self._config, self._seed, self._renderer = config, seed, renderer
-        self._chains: dict[Eye, tuple[object, LensChain]] = {}  # the latest chain of each eye, and what it depends on
+        self._chains: dict[Eye, tuple[object, LensChain]] = {}  # the latest of each eye, and its key
 
-    def take(
+    def capture(
         self, frames: Sequence[Frame], sampled: SampledScene, views: Sequence[int]
     ) -> list[tuple[Frame, dict[str, Any]]]:
-        """Take the images of some right views of a scene.
+        """Return rendered frames as the cameras see them, and "lens" and "imperfections" of each pair's provenance.
 
-        The left eye's random values depend on the scene, the right eye's on the scene and the view.
+        Masks get the borders that lenses leave. The left eye's random values depend on the scene, the right eye's on
+        the scene and the view. Several frames share the images of the left view, which are read-only then.
 
         Args:
             frames: the rendered pairs.
             sampled: their scene.
             views: the numbers of their right views.
-
-        Returns:
-            Frames with these images and with the borders that lenses leave in masks, and "lens" and "imperfections" of
-            each pair's provenance. The frames share the left view's images, which are read-only if there are several.
         """
         if self._config.images_as_rendered:
             return [(frame, {}) for frame in frames]
-        taken, left = [], dict[Eye, Channels]()
+        captured, left = [], dict[Eye, Channels]()
         for view, frame in zip(views, frames, strict=True):
             seen = sampled.seen_by(view)
             chains = self._lens_chains(seen.sequence.number, seen.scene.camera)
@@ -69,27 +60,27 @@ class RigCameras:
             shown = {eye: frame.view(eye).with_channels(channels[eye]) for eye in EYES}
             whole = Frame(frame.camera, shown["left"], shown["right"])
             if chains and self._config.lens is not None:
-                stays = self._config.lens.border_disparity
-                whole = with_borders(whole, chains, self._config.outputs, border_disparity=stays)
-            taken.append((whole, records))
+                keep = self._config.lens.border_disparity
+                whole = with_borders(whole, chains, self._config.outputs, border_disparity=keep)
+            captured.append((whole, records))
         if len(frames) > 1:
             for array in left["left"].values():
                 array.flags.writeable = False
-        return taken
+        return captured
 
     def _views(
         self, frame: Frame, sampled: SampledScene, chains: Mapping[Eye, LensChain], eyes: Sequence[Eye]
     ) -> tuple[dict[Eye, Channels], dict[str, Any]]:
-        """Return the image of some eyes' views and, as the outputs ask, "raw" and "raw_map"; and the pair's records."""
+        """Return the image and the outputs "raw" and "raw_map" of some eyes' views, and records for the provenance."""
         section, camera, records = self._config.imperfections, sampled.scene.camera, dict[str, Any]()
         number = sampled.sequence.number * self._config.sequence.length + sampled.frame
         if chains:
             records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
             if self._config.lens is not None and not self._config.lens.border_disparity:
                 records["lens"]["border_disparity"] = False
-        # All eyes expose at the same time, so motion blur is sampled once for a scene.
+        # All eyes expose at the same time, so a scene has one motion blur.
         motion_blur = section.motion_blur.sample(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
-        # An eye's density is that of its lens alone, since pairs that share a left view differ in the right.
+        # Each eye has the density of its own lens: pairs that share a left view may differ in the right lens.
         densities = {eye: chains[eye].density if chains else 1.0 for eye in eyes}
         images = self._exposed(frame, sampled, motion_blur, densities)
         points = {eye: camera.lens_px(eye)[:2] for eye in EYES}
@@ -99,7 +90,7 @@ class RigCameras:
         if not section.none():
             records["imperfections"] = {}
             for eye in EYES:
-                # All right views share the left eye's.
+                # The left eye's are the same for all right views.
                 view = 0 if eye == "left" else sampled.view
                 of_eye = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, view)
                 rng = of_eye()
@@ -114,7 +105,7 @@ class RigCameras:
     def _exposed(
         self, frame: Frame, sampled: SampledScene, motion_blur: float, densities: Mapping[Eye, float]
     ) -> Images:
-        """Return the images of eyes in the densities that their lenses want, blurred by motion."""
+        """Return the images of eyes in the densities of their lenses, blurred by motion."""
         images, scenes = Images(), [sampled.scene]
         if motion_blur > 0:
             count = self._config.imperfections.sub_frames
@@ -131,7 +122,7 @@ class RigCameras:
         return images
 
     def _rectified(self, chain: LensChain, raw_image: NDArray[np.uint8]) -> Channels:
-        """Return the channels of an eye's view that follow from its raw image, as the outputs ask."""
+        """Return the image and the outputs "raw" and "raw_map" of an eye's view, from its raw image."""
         channels: Channels = {"image": chain.rectify(raw_image)}
         if "raw" in self._config.outputs:
             channels["raw"] = chain.within_view(raw_image)
@@ -140,7 +131,7 @@ class RigCameras:
         return channels
 
     def _lens_chains(self, sequence: int, camera: StereoCamera) -> dict[Eye, LensChain]:
-        """Return both eyes' chains for a sequence, whose rectified pair is ``camera``; none without lenses.
+        """Return both eyes' chains for a sequence, whose rectified pair is ``camera``; empty without lenses.
 
         Raises:
             InputError: where OpenCV is missing, or a lens cannot be inverted over the rectified image.
@@ -157,9 +148,9 @@ class RigCameras:
 
 
 def moments(share: float, count: int) -> NDArray[np.float64]:
-    """Return the (count,) middles of ``count`` equal parts of an exposure, as times from the middle of the exposure.
+    """Return the middles of ``count`` equal parts of an exposure, (count,), relative to the exposure's middle.
 
-    The times and the exposure's length ``share`` are in units of the time between frames.
+    The times and the exposure's length ``share`` are fractions of the time between frames.
     """
     return share * ((np.arange(count) + 0.5) / count - 0.5)
 

@@ -1,4 +1,4 @@
-"""Cheap checks of a rendered pair; a pair that fails them is sampled again from another sub-seed."""
+"""Cheap checks of a rendered pair. The scene of a pair that fails them is sampled again from a different sub-seed."""
 
 import numpy as np
 
@@ -7,33 +7,31 @@ from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.textures.crops import least_texture
 
-# The mean of every so many rows is taken first: in a usual image, these rows keep the mean above the limit even if all
-# others are black.
+# A quick check reads only every so many rows. A usual image passes it: it would be bright enough even if all its other
+# rows were black.
 _ROWS = 8
 
 # Factor over the limit at which a sample of every 64th pixel proves that the image has enough texture.
 _AMPLE = 8
 
-# Share of max_px within which a disparity counts as at the near plane. Walls and models stay farther away, so a surface
-# there was cut open by the plane.
+# Share of max_px: a surface this close to the near plane was cut by it, since walls and models stay farther away.
 _AT_NEAR_PLANE = 1e-5
 
-# A room's disparity may be as small as this share of the smallest one that it aims for, since some walls cannot be
-# moved in far enough.
+# A room passes with this share of its smallest intended disparity: some walls cannot be moved close enough.
 _FAR_BELOW = 0.5
 
 
 def faults(frame: Frame, config: Config, sampled: SampledScene | None = None) -> list[str]:
-    """Return the faults of a pair, without repetition, such as "too dark: mean 3.0 levels, at least 8 wanted".
+    """Return the different faults of a pair, such as "too dark: mean 3.0 levels, at least 8 wanted".
 
-    The limits are those of the config's section checks. ``sampled`` is the scene that the frame shows as rendered, and
-    tells which disparities to expect; None for a frame that has passed the lenses.
+    The config's section checks has the limits. ``sampled`` is the scene of a frame as rendered, from which the expected
+    disparities follow; None after lenses and imperfections.
     """
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
     of_rows, least = min(image[::_ROWS].mean() for image in images), section.min_brightness
     if of_rows < _ROWS * least and (brightness := min(image.mean() for image in images)) < least:
         clauses.append(f"too dark: mean {brightness:.1f} levels, at least {least:g} wanted")
-    # `least_texture` halves both sides again. Every 64th pixel takes a tenth of the time, and settles usual images.
+    # `least_texture` halves both sides again, so it reads every 64th pixel. That is enough for usual images.
     sampled_texture = least_texture(image[::4, ::4] for image in images)
     if sampled_texture < _AMPLE * section.min_texture and (texture := least_texture(images)) < section.min_texture:
         clauses.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
@@ -43,8 +41,8 @@ def faults(frame: Frame, config: Config, sampled: SampledScene | None = None) ->
 def _disparity_faults(frame: Frame, config: Config, sampled: SampledScene | None) -> list[str]:
     """Return the first fault of each view's disparity."""
     everywhere, least_px = False, -np.inf
-    # The sky has no disparity, and neither has a point that a right camera's deviation shifts to the left. Signed
-    # disparities have no lower limit.
+    # The sky has no disparity. Neither have points that a deviating right camera shifts to the left. Signed disparities
+    # have no lower limit.
     if sampled is not None and frame.camera.rectified and not config.disparity.signed:
         everywhere = not sampled.scene.sky.any()
         least_px = _FAR_BELOW * float(sampled.scene.camera.disparity_px(sampled.sequence.static.farthest_m))

@@ -1,9 +1,9 @@
 """Imperfections of a real rig, applied to the images after rendering; the truth stays unchanged.
 
-They follow the order of a camera: motion blur (`semisynth_gl.pairs.cameras`), lens blur, vignetting, exposure and
+They have the order of a camera: motion blur (`semisynth_gl.pairs.cameras`), lens blur, vignetting, exposure and
 white balance, sensor noise, tone curve, sharpening, JPEG. Noise comes after the white balance, so that its amount is in
-levels of the image. All are applied to the 8-bit values themselves, since the tone curves of photographs are not known.
-Values are rounded to whole levels after the lens blur, the tone curve, sharpening and JPEG.
+levels of the image. All change the 8-bit values themselves, since the tone curves of photographs are not known. Values
+are rounded to whole levels after the lens blur, the tone curve, sharpening and JPEG.
 """
 
 import io
@@ -17,12 +17,12 @@ from PIL import Image, ImageFilter
 
 from semisynth_gl.config.rig_sections import ImperfectionsSection
 
-# Number of values that are processed at a time.
+# Number of values in a block, which stays in the processor's cache.
 _BLOCK = 1 << 17
 # Weights of red, green and blue in the luminance, from ITU-R BT.601, as in JPEG.
 LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
-# The unsharp mask blurs rows and columns with 1 4 6 4 1 (of 16), nearly a Gaussian of 1 px. Here, weights and their sum
-# are divided by 6.
+# The unsharp mask blurs rows and columns with the weights 1 4 6 4 1 over 16, nearly a Gaussian of 1 px. Here, they are
+# divided by the middle weight.
 _NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
 
 
@@ -35,8 +35,7 @@ class Imperfections:
         exposure_stops: exposure; values are multiplied by 2 to this power.
         noise: standard deviation of the sensor's noise, 8-bit levels.
         gamma: exponent of the tone curve on [0, 1].
-        white_balance: stops of red and of blue, which are multiplied by 2 to these powers; images of one channel are
-            left alone.
+        white_balance: stops of red and of blue, which are multiplied by 2 to these powers; ignored for grey images.
         vignetting: share of the light, below 1, that is lost at half the image's diagonal from the principal point.
         sharpening: amount of the unsharp mask.
         jpeg_quality: quality of the JPEG, 1 to 100; None for no JPEG.
@@ -85,7 +84,7 @@ def _pixel_by_pixel(
     principal_point_px: tuple[float, float] | None,
 ) -> NDArray[np.uint8]:
     """Apply vignetting, exposure, white balance, noise and tone curve to each pixel."""
-    height, width, channels = *image.shape[:2], _channels(image)
+    height, width, channels = (*image.shape, 1)[:3]
     red, blue = sampled.white_balance
     stops = (red, 0.0, blue) if channels == 3 else (0.0,)
     gains = np.tile(np.array([2.0 ** (sampled.exposure_stops + each) for each in stops], np.float32), width)
@@ -98,8 +97,7 @@ def _pixel_by_pixel(
         down = (((np.arange(height) - y) * tangent) ** 2).astype(np.float32)[:, None]
         falloff = across, down
     result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // len(gains))
-    # Block by block, so that all values stay in the cache. The noise does not depend on the size of blocks, since each
-    # block's random numbers follow those of the block before.
+    # The noise does not depend on the size of blocks: each block's random numbers follow those of the block before.
     for first in range(0, height, rows):
         block = image[first : first + rows]
         values = block.astype(np.float32).reshape(len(block), -1)
@@ -128,11 +126,8 @@ def _bent(values: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
 
 
 def _sharpened(image: NDArray[np.uint8], amount: float) -> NDArray[np.uint8]:
-    """Sharpen with an unsharp mask of the luminance, as cameras do.
-
-    The luminance minus its blurred copy, times ``amount``, is added to all channels.
-    """
-    height, width, channels = *image.shape[:2], _channels(image)
+    """Sharpen as cameras do: add ``amount`` times the difference of luminance and blurred luminance to all channels."""
+    height, width, channels = (*image.shape, 1)[:3]
     result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // (width * channels))
     for first in range(0, height, rows):
         last = min(first + rows, height)
@@ -159,21 +154,13 @@ def _through_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
         return np.array(decoded)
 
 
-def _channels(image: NDArray[np.uint8]) -> int:
-    return 1 if image.ndim == 2 else image.shape[2]
-
-
 def sample_imperfections(
     section: ImperfectionsSection, rng: np.random.Generator, further: Callable[[str], np.random.Generator]
 ) -> dict[str, Any]:
-    """Sample the imperfections of one eye's view, except motion blur, as arguments of `Imperfections` in JSON's types.
+    """Sample arguments of `Imperfections` for one eye's view, in JSON's types.
 
-    White balance, vignetting, sharpening and JPEG are left out where the config leaves them at the default.
-
-    Args:
-        section: the ranges from which imperfections are sampled.
-        rng: source of lens blur, exposure, noise and gamma.
-        further: returns a generator for each other key, so that setting one key does not shift another's values.
+    Lens blur, exposure, noise and gamma come from ``rng``. Each other key that the config sets has its own generator,
+    which ``further`` returns: so setting a key does not change the values of others.
     """
     values: dict[str, Any] = {
         key: getattr(section, key).sample(rng) for key in ("blur_px", "exposure_stops", "noise", "gamma")

@@ -1,4 +1,4 @@
-"""From a config to pairs: a scene is sampled, rendered, checked, and seen by the cameras of its rig."""
+"""From a config to pairs: scenes are sampled, rendered, checked, and captured by the cameras of a rig."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.seeds.splits import Split
 
 PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check")
-"""The stages of a pair that a `PairRenderer` reports to its listener, in order."""
+"""The stages of a pair, in order; a `PairRenderer` reports them to its listener."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class Pair:
 
 
 def renderer_options(config: Config) -> dict[str, Any]:
-    """Return the keyword arguments of a `Renderer` that a config decides."""
+    """Return the keyword arguments of a `Renderer` that follow from a config."""
     return {
         "wrap": config.textures.wrap,
         "anisotropy": config.textures.anisotropy,
@@ -62,19 +62,18 @@ class PairRenderer:
 
     Args:
         config: the configuration.
-        seed: the dataset's seed, 0 or more, for a dataset of one split; else the split of the pairs.
+        seed: the dataset's seed, 0 or more, or the split of the pairs for a dataset of several splits.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
-        read: fetches the pixels; with another reader than `read_array`, pairs must be rendered with
-            ``checked=False``.
+        read: fetches the pixels. Only `read_array` allows checks; others need ``checked=False``.
 
     Attributes:
         config: the configuration.
         split: the split of the pairs.
         sources: patches and models; see `forget_pixels`.
         sampler: makes the scenes of the pairs.
-        renderer: draws them; its listener hears the end of each stage of `PAIR_STAGES`.
-        renderer_name: the driver's name of the renderer (GL_RENDERER).
+        renderer: renders them; its listener receives the end of each stage of `PAIR_STAGES`.
+        renderer_name: the driver's name for the renderer (GL_RENDERER).
 
     Raises:
         InputError: where images or models cannot be used.
@@ -109,8 +108,8 @@ class PairRenderer:
         self.renderer_name = self.renderer.renderer_name
         self._cameras = RigCameras(config, split.seed, self.renderer)
         # The latest sequence that passed its checks, and the faults of its failed attempts.
-        self._settled, self._redrawn = -1, list[str]()
-        self._latest: tuple[object, list[Pair]] | None = None  # the pairs of the latest scene, by number and crop
+        self._accepted, self._redrawn = -1, list[str]()
+        self._latest: tuple[object, list[Pair]] | None = None  # number and crop of the latest scene, and its pairs
         plugins = plugin_records(config.used_plugins().values())
         self._made_by = {
             "program": "semisynth-gl",
@@ -141,16 +140,15 @@ class PairRenderer:
     def render(self, index: int, *, crop: Crop | None = None, checked: bool = True) -> Pair:
         """Render pair ``index``, 0 or more: scene ``index // views`` with right view ``index % views``.
 
-        A sequence whose first frame fails its checks with any right view is sampled again from the next sub-seed. Pairs
-        of one scene share the left view's arrays; those of the latest scene are kept, since checks need all of them.
+        If any right view of a sequence's first frame fails its checks, the sequence is sampled again from the next
+        sub-seed. Pairs of one scene share the left view's arrays. All pairs of the latest scene are kept.
 
         Args:
             index: the pair's number.
-            crop: the part of both images to return; None for all. Checks need whole images, so the first frame of a
-                sequence is rendered whole and cut afterwards. All other frames are rendered only as far as the crop
-                needs, and so are all frames without checks, unless the config has a lens or imperfections.
-            checked: whether to check pairs. Without checks, pairs with faults are returned; the dataset has a pair that
-                was sampled again instead.
+            crop: the part of both images to return; None for all. Only the crop is rendered, except where whole
+                images are needed: for checks of a sequence's first frame, and for a lens or imperfections.
+            checked: whether to check pairs. Without checks, pairs with faults are returned, in place of which a dataset
+                has pairs that were sampled again.
 
         Raises:
             InputError: where the number is negative, the config's ranges leave no scene for it, or all attempts fail
@@ -170,33 +168,33 @@ class PairRenderer:
     def _checked_pairs(self, number: int, crop: Crop | None) -> list[Pair]:
         """Return the pairs of a scene in the first attempt that passes the checks of its sequence's first frame."""
         sequence, frame = divmod(number, self.config.sequence.length)
-        if self._settled != sequence:
-            first = self._settle(sequence, crop)
+        if self._accepted != sequence:
+            first = self._first_scene(sequence, crop)
             if frame == 0:
                 return first
         return self._pairs(number, crop, range(self.config.views), self._redrawn)
 
-    def _settle(self, sequence: int, crop: Crop | None) -> list[Pair]:
-        """Return the first scene of a sequence in the first attempt that passes the checks; keep the attempt.
+    def _first_scene(self, sequence: int, crop: Crop | None) -> list[Pair]:
+        """Return the pairs of a sequence's first scene in the first attempt that passes the checks; keep the attempt.
 
-        Checks judge the rendered frames and, where lenses or imperfections change them, the frames that cameras give:
-        noise hides that a scene is flat.
+        Checks judge the rendered frames and, if lenses or imperfections change them, the captured frames too. These
+        alone would not do: noise hides that a scene is flat.
         """
         redrawn: list[str] = []
         views = range(self.config.views)
         for attempt in range(self.config.checks.attempts):
             sampled = self._sample(sequence * self.config.sequence.length, attempt)
-            frames, taken = self._render(sampled, None, views), []
+            frames, captured = self._render(sampled, None, views), []
             judged = (faults(frame, self.config, sampled.seen_by(view)) for view, frame in enumerate(frames))
             clauses = next(filter(None, judged), [])
             if not clauses:
-                taken = self._cameras.take(frames, sampled, views)
+                captured = self._cameras.capture(frames, sampled, views)
                 if not self.config.images_as_rendered:
-                    judged = (faults(frame, self.config) for frame, _ in taken)
+                    judged = (faults(frame, self.config) for frame, _ in captured)
                     clauses = [f"{clause}, after lens and imperfections" for clause in next(filter(None, judged), [])]
             if not clauses:
-                self._settled, self._redrawn = sequence, redrawn
-                return self._described(taken, sampled, crop, views)
+                self._accepted, self._redrawn = sequence, redrawn
+                return self._with_provenance(captured, sampled, crop, views)
             redrawn.append("; ".join(clauses))
         raise InputError(
             f"sequence {sequence} failed its checks in {counted(len(redrawn), 'attempt')}. Fault of the last one: "
@@ -204,12 +202,12 @@ class PairRenderer:
         )
 
     def _pairs(self, number: int, crop: Crop | None, views: Sequence[int], redrawn: Sequence[str] = ()) -> list[Pair]:
-        """Return the pairs of some views of a scene, which are not checked; ``redrawn`` has its failed attempts."""
+        """Return unchecked pairs of some views of a scene; ``redrawn`` are the faults of its failed attempts."""
         sampled = self._sample(number, len(redrawn))
         # Lenses and imperfections need whole images.
         before, after = (crop, None) if self.config.images_as_rendered else (None, crop)
-        taken = self._cameras.take(self._render(sampled, before, views), sampled, views)
-        return self._described(taken, sampled, after, views)
+        captured = self._cameras.capture(self._render(sampled, before, views), sampled, views)
+        return self._with_provenance(captured, sampled, after, views)
 
     def _sample(self, number: int, attempt: int) -> SampledScene:
         sampled = self.sampler.sample(number * self.config.views, attempt)
@@ -217,21 +215,21 @@ class PairRenderer:
         return sampled
 
     def _render(self, sampled: SampledScene, crop: Crop | None, views: Sequence[int]) -> list[Frame]:
-        """Render the frames of some views of a scene, with the motions that outputs need."""
+        """Render the frames of some views of a scene."""
         outputs = self.config.outputs
         future = sampled.motion(+1) if FUTURE_OUTPUTS.intersection(outputs) else None
         past = sampled.motion(-1) if PAST_OUTPUTS.intersection(outputs) else None
         cameras = [sampled.views[view] for view in views]
         return self.renderer.render_rig(sampled.scene, cameras, crop, future=future, past=past)
 
-    def _described(
+    def _with_provenance(
         self,
         frames: Sequence[tuple[Frame, dict[str, Any]]],
         sampled: SampledScene,
         crop: Crop | None,
         views: Sequence[int],
     ) -> list[Pair]:
-        """Return the pairs of some views of a scene, cut to the crop, with their provenance."""
+        """Return the pairs of some views of a scene, cropped and with their provenance."""
         pairs = []
         number = sampled.sequence.number * self.config.sequence.length + sampled.frame
         for view, (frame, records) in zip(views, frames, strict=True):
@@ -252,9 +250,7 @@ class PairRenderer:
 
 
 def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "auto") -> Frame:
-    """Render one pair of a config.
-
-    Each call loads the photographs and models and opens a renderer; for many pairs, use a `PairRenderer`.
+    """Render one pair of a config. Each call loads all sources and opens a renderer: for many, use a `PairRenderer`.
 
     Args:
         config: the configuration.
