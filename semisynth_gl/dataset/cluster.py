@@ -1,4 +1,4 @@
-"""The engine that makes shards on a Ray cluster. Ray is an extra, so it is imported only where it runs."""
+"""The engine that makes shards on a Ray cluster. Ray is an optional dependency, so it is imported when used."""
 
 import logging
 import os
@@ -24,21 +24,18 @@ from semisynth_gl.inputs.errors import (
 from semisynth_gl.listener import Listener
 
 _RETRIES = 3  # of a shard after the loss of its process or node
-_WAITED_FOR = 1000  # shards at a time, of all that Ray has been given
-_KNOCK_S = 5.0  # how long a cluster may take to accept a connection
-# Unless told otherwise, Ray reports usage to its makers. Without the second variable, Ray warns of a coming change in
-# how it hides GPUs from tasks that ask for none.
+_WAITED_FOR = 1000  # maximum number of shards in a call of `ray.wait`
+_CONNECT_S = 5.0  # how long a cluster may take to accept a connection
+# Ray must not report usage to its makers, nor warn that it will hide GPUs differently from tasks that need none.
 _ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 
 
 class RayEngine:
     """Makes shards on a Ray cluster; this package must be installed on each of its nodes.
 
-    Each process is worker 0, since Ray shows it only the GPUs that it may use.
-
-    The cluster is that of RAY_ADDRESS, else one that was started on this machine, else one of this machine alone that
-    ends with the run. ``gpus`` is the number of GPUs that each process takes besides a CPU; 0.25 lets four processes
-    share a GPU.
+    The cluster is the one of RAY_ADDRESS, else one that runs on this machine, else a new one on this machine that ends
+    with the run. Each process uses a CPU and ``gpus`` GPUs; with 0.25, four processes share a GPU. Ray shows a process
+    only its GPUs, so each is worker 0.
     """
 
     def __init__(self, gpus: float = 0) -> None:
@@ -49,13 +46,13 @@ class RayEngine:
 
         Raises:
             InputError: where Ray is missing or the cluster cannot be reached.
-            WorkerError: where a shard has ended four processes, or where Ray reports another failure.
+            WorkerError: where four processes died of a shard, or Ray reports any other failure.
         """
         ray = _ray()
         with _connected(ray):
             if self._gpus > max(node["Resources"].get("GPU", 0) for node in ray.nodes() if node["Alive"]):
                 listener.on_message(f"no node of the cluster has {self._gpus:g} GPU: shards wait for such a node")
-            # Ray ends a process after one task with a GPU unless max_calls says that it may do many.
+            # Without max_calls, Ray ends a process after one task with a GPU.
             make = ray.remote(num_cpus=1, num_gpus=self._gpus, max_retries=_RETRIES, max_calls=0)(_make)
             pickled = ray.put(ray.cloudpickle.dumps(job))
             pending = {make.remote(pickled, number): number for number in numbers}
@@ -82,12 +79,12 @@ def _result(ray: Any, reference: Any, number: int) -> str:  # noqa: ANN401 - Ray
     return made
 
 
-# The worker's ShardMaker, by the job's bytes and CUDA_VISIBLE_DEVICES: Ray may change the GPUs between tasks.
+# The process's only ShardMaker, by the job's bytes and CUDA_VISIBLE_DEVICES: Ray may change the GPUs between tasks.
 _makers: dict[tuple[bytes, str | None], ShardMaker] = {}
 
 
 def _make(job: bytes, number: int) -> str | Exception:
-    """Make a shard in a process of Ray; return the renderer's name, or an error, whose type Ray would change."""
+    """Make a shard in a Ray process; return the renderer's name, or an error: if it were raised, Ray would wrap it."""
     from ray import cloudpickle  # noqa: PLC0415 - an extra
 
     key = job, os.environ.get("CUDA_VISIBLE_DEVICES")
@@ -121,16 +118,16 @@ def _ray() -> Any:  # noqa: ANN401 - a module
 
 @contextmanager
 def _connected(ray: Any) -> Iterator[None]:  # noqa: ANN401
-    """Connect this process to the cluster for the block, unless it is connected already."""
+    """Connect this process to the cluster during the block, unless it is connected already."""
     if ray.is_initialized():
         yield
         return
     address = os.environ.get("RAY_ADDRESS", "auto")
     try:
         host, _, port = address.rpartition(":")
-        if port.isdigit() and "//" not in host:  # an address of Ray's client has a scheme
-            # Without this, Ray would try for minutes to reach an address where nothing listens.
-            create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
+        if port.isdigit() and "//" not in host:  # addresses of Ray's client have a scheme
+            # Try first, since Ray would try for minutes if nothing listens there.
+            create_connection((host.strip("[]"), int(port)), _CONNECT_S).close()
         on_sigterm = signal.getsignal(signal.SIGTERM)
         ray.init(log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
         if threading.current_thread() is threading.main_thread():
@@ -138,7 +135,7 @@ def _connected(ray: Any) -> Iterator[None]:  # noqa: ANN401
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(
             f"the Ray cluster (address {address}) cannot be reached ({error}). Is it running, and is this "
-            "machine part of it? `ray status` tells, `ray start` starts or joins one"
+            "machine part of it? `ray status` shows it, `ray start` starts or joins a cluster"
         ) from error
     try:
         yield

@@ -1,7 +1,7 @@
 """The JSON files about a dataset: plan, records of shards, and index.
 
-The values of a file are checked here, before a path is opened or memory allocated by them. Keys that this version does
-not know are ignored: another version may have written them. Documents of a newer format are refused.
+All values are checked here, before they are used to open a path or allocate memory. Unknown keys are ignored: another
+version may have written them. Documents of a newer format are refused.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,9 +26,9 @@ from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
 PROGRAM = "semisynth-gl"
 """Value of the key ``program`` in index and plan."""
 FORMAT = 1
-"""Value of the key ``format`` in index, plan and records: the newest format of a dataset that this program reads.
+"""Value of the key ``format`` in index, plan and records: the newest format that this program reads.
 
-A change that an older program would misread takes the next number. A new key takes none: older programs ignore it.
+A change that older programs would misread increases it. A new key does not: older programs ignore it.
 """
 INDEX = "index.json"
 """The dataset's index, written last: it says that the dataset is complete."""
@@ -36,18 +36,18 @@ CARD = "README.md"
 RECORDS = "shards"
 """Folder of the shards' records and tars."""
 PLAN = f"{RECORDS}/plan.json"
-"""The dataset's plan, written first: without an index beside it, the dataset is unfinished."""
+"""The dataset's plan, written first: a dataset with a plan and no index is unfinished."""
 LOCK = f"{RECORDS}/lock"
-"""Locked by runs on the dataset; a finished dataset has no such file."""
+"""File that runs on the dataset lock; the run that finishes the dataset removes it."""
 MOST_PAIRS = 10**8
-"""Most pairs of a split: more than any dataset has, and few enough for lists and sums of them."""
+"""Maximum number of pairs of a split: more than any dataset has, and few enough for lists and sums."""
 
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
 _Bytes = Annotated[int, Field(ge=0, le=2**62, strict=True)]
 _Pairs = Annotated[int, Field(ge=1, le=MOST_PAIRS)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]
-# Names of files may have bytes that are not UTF-8, which pydantic's strings refuse.
+# Names of files may have bytes that are not UTF-8, which pydantic's strings do not allow.
 _Text = InstanceOf[str]
 _Value = TypeVar("_Value")
 
@@ -64,11 +64,11 @@ class DatasetDocument(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """A fixed range of a split's pairs, from ``first`` to ``end`` - 1, with one record once all pairs are written.
+    """A fixed range of a split's pairs, from ``first`` to ``end`` - 1.
 
-    ``number`` counts the shards of the whole dataset from 0, for ``--shards``. ``name`` is the name of the shard's own
-    files without their endings: the record, which says that the shard is complete, a log of how long it took and, in
-    layouts that pack their files, a tar.
+    ``number`` is the shard's number in the whole dataset, from 0. ``name`` is the name of the shard's own files without
+    their endings: the record, which says that the shard is complete, a log of the elapsed time and, in layouts that
+    pack their files, a tar.
     """
 
     number: int
@@ -94,13 +94,13 @@ class Shard:
 
 
 class DatasetPlan(DatasetDocument):
-    """The plan of a dataset: its pairs, their shards and their names. All but the pixels follows from it.
+    """The plan of a dataset: its pairs, their shards and their names. Everything but the pixels follows from it.
 
     Attributes:
         version: the version of the program that began the dataset.
         name: the config's name.
         config: the config, with the outputs that the layout needs.
-        pairs: number of pairs of each split; splits without pairs are left out.
+        pairs: number of pairs of each split that has pairs.
         shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
         views: number of pairs that show each scene.
         plugins: the package of each plug-in that the dataset is made with, by group and name.
@@ -190,12 +190,12 @@ class DatasetPlan(DatasetDocument):
 
     @property
     def folders(self) -> list[str]:
-        """The folders below the dataset's that loaders list, even where they are empty."""
+        """The folders below the dataset's that loaders list, even if they are empty."""
         return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders]
 
     @property
     def tops(self) -> set[str]:
-        """The names in the dataset's folder itself: of the folders of its files, and of files."""
+        """The names of the files and folders directly in the dataset's folder."""
         names = {INDEX, CARD, RECORDS, *self.lists, *self.links, *self.folders}
         for split in self.splits if not self.layout.packed else ():
             for index in range(self.pairs[split]):
@@ -216,13 +216,13 @@ class _Patch(DatasetDocument):
 
 
 class SplitSources(DatasetDocument):
-    """The part of a split in the index that readers use: its patches, of which scenes are made."""
+    """The part of a split's sources in the index that readers use: its patches."""
 
     patches: list[_Patch] = []
 
 
 class ShardEntry(DatasetDocument):
-    """What the index says of a shard; ``sha256`` is the digest of its tar, or of the lines of `sha256sum`."""
+    """What the index says about a shard; ``sha256`` is the digest of its tar, or of the lines of `sha256sum`."""
 
     shard: str
     split: SplitName
@@ -247,7 +247,7 @@ class DatasetIndex(DatasetPlan):
 
     @model_validator(mode="after")
     def _lists_its_shards(self) -> Self:
-        # Compare the counts first: a wrong number of pairs may make a list of shards that no memory holds.
+        # Compare the counts first: with a wrong number of pairs, the list of shards might fill memory.
         number = sum(-(-pairs // self.shard_pairs) for pairs in self.pairs.values())
         entries = self.shard_entries
         if number != len(entries) or not all(map(ShardEntry.describes, entries, self.shards)):
@@ -259,7 +259,7 @@ class DatasetIndex(DatasetPlan):
 class StoredFile:
     """A file of a pair: its size, and its digest or its offset in a tar.
 
-    It is a dataclass, since datasets have millions of files, and models would take too much memory.
+    It is a dataclass, since models of millions of files would take too much memory.
     """
 
     bytes: _Bytes
@@ -268,14 +268,14 @@ class StoredFile:
 
 
 class PairRecord(DatasetDocument):
-    """What readers take from the record of a shard about a pair."""
+    """What the record of a shard says about a pair, as far as readers use it."""
 
     pair: _Number
     files: Annotated[dict[str, StoredFile], Field(min_length=1)]
 
 
 class ShardRecord(ShardEntry):
-    """The record of a shard, which says that the shard is complete."""
+    """The record of a shard; if there is one, the shard is complete."""
 
     format: _Format = 1
     renderers: list[str]
@@ -283,7 +283,7 @@ class ShardRecord(ShardEntry):
 
     @property
     def entry(self) -> dict[str, Any]:
-        """What the index says of the shard, in JSON's types."""
+        """What the index says about the shard, in JSON's types."""
         return self.model_dump(include=set(ShardEntry.model_fields), exclude_none=True)
 
 
@@ -295,8 +295,7 @@ def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
 
     Raises:
         InputError: where a newer program wrote the dataset, or the layout is a plug-in's that is not installed.
-        ReadError: where the bytes are no JSON, or keys are wrong or missing; the message has the expected and the found
-            values.
+        ReadError: where the bytes are no JSON, or keys are wrong or missing.
     """
     values = JSON_OBJECT.decode(data, path)
     number = values.get("format")

@@ -1,4 +1,4 @@
-"""The engines of this machine: each makes shards, in this process or in worker processes."""
+"""Engines that make shards on this machine, in this process or in worker processes."""
 
 import ctypes
 import os
@@ -17,12 +17,12 @@ from semisynth_gl.inputs.errors import ContextLostError, WorkerError, counted
 from semisynth_gl.listener import Listener
 
 THREADS = "LP_NUM_THREADS"
-"""Environment variable with the number of threads that llvmpipe may have; see `threads_each`."""
+"""Environment variable with llvmpipe's number of threads; see `threads_each`."""
 
-_POOLS = 3  # of a run, at most; a pool that lost a worker is replaced
+_POOLS = 3  # maximum per run; a pool that lost a worker is replaced
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
-# M_TRIM_THRESHOLD, -1: most free bytes that stay at the heap's end. M_MMAP_THRESHOLD, -3: arrays larger than this are
-# not part of the heap; 32 MiB is the most that all versions of glibc accept.
+# M_TRIM_THRESHOLD, -1: maximum number of free bytes at the heap's end. M_MMAP_THRESHOLD, -3: larger arrays are outside
+# the heap; some versions of glibc accept no more than 32 MiB.
 _MALLOC_OPTIONS = {-1: 256 << 20, -3: 32 << 20}
 
 
@@ -32,8 +32,8 @@ class Engine(Protocol):
     def run(self, job: DatasetJob, numbers: Sequence[int], listener: Listener) -> None:
         """Make the shards of these numbers; return once all are complete.
 
-        The listener hears the pairs of finished shards, and messages about lost workers. Raises WorkerError where
-        workers keep dying, and the error of a shard as `ShardMaker.make_shard` does.
+        The listener receives the pairs of finished shards, and messages about lost workers. Raises WorkerError if
+        workers keep dying, and what `ShardMaker.make_shard` raises.
         """
 
 
@@ -48,7 +48,7 @@ class SerialEngine:
 
 
 class LocalEngine:
-    """Makes shards in at most ``workers`` processes; where one dies, all are restarted, twice at most."""
+    """Makes shards in up to ``workers`` processes; if one dies, all are restarted, at most twice."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
@@ -70,9 +70,9 @@ class LocalEngine:
 
 
 def _run_pool(job: DatasetJob, left: dict[int, None], workers: int, listener: Listener) -> None:
-    """Make shards in a pool of processes; remove complete ones from ``left``. Processes end with the function."""
+    """Make shards in a pool of processes that ends with the function; remove complete shards from ``left``."""
     # A forked process would inherit an OpenGL context that it cannot use.
-    context, strangers = get_context("spawn"), {*active_children()}
+    context, others = get_context("spawn"), {*active_children()}
     executor = ProcessPoolExecutor(workers, context, _start, (job, context.Value("i", 0), threads_each(workers)))
     try:
         with _interrupts_blocked():  # the first calls start the processes
@@ -82,13 +82,13 @@ def _run_pool(job: DatasetJob, left: dict[int, None], workers: int, listener: Li
             del left[numbers[future]]
     finally:
         executor.shutdown(wait=not left, cancel_futures=True)
-        for process in {*active_children()} - strangers if left else ():
+        for process in {*active_children()} - others if left else ():
             process.kill()
             process.join()
 
 
 def report_shard(job: DatasetJob, number: int, renderer: str, listener: Listener) -> None:
-    """Tell a listener about a shard that another process has made with a renderer."""
+    """Report a shard to a listener in this process; a worker has made it with ``renderer``."""
     listener.on_renderer(renderer)
     shard = job.plan.shards[number]
     for _ in range(shard.first, shard.end):
@@ -97,8 +97,8 @@ def report_shard(job: DatasetJob, number: int, renderer: str, listener: Listener
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Let processes that start in the block begin with both signals blocked; here, these wait for its end."""
-    # Otherwise the resource tracker would start with the first process, and lift the mask.
+    """Block both signals until the end of the block; processes that start in it inherit this."""
+    # Otherwise the resource tracker would start with the first process, and unblock them.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
     try:
@@ -107,14 +107,14 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-# The shard maker of a worker process.
+# Of a worker process.
 _maker: ShardMaker
 
 
 def _start(job: DatasetJob, started: "Synchronized[int]", threads: int) -> None:
-    """Begin a worker process; ``started`` counts them."""
+    """Set up a worker process; ``started`` counts them."""
     global _maker  # noqa: PLW0603 - one for the process
-    # A terminal sends Ctrl-C to all processes: the first one ends the others.
+    # A terminal sends Ctrl-C to all processes: the main process ends the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _INTERRUPTS)
     with started.get_lock():
@@ -137,9 +137,9 @@ def _make(number: int) -> str:
 
 
 def keep_freed_memory() -> None:
-    """Let this process keep the memory of a pair for the next pair, if its C library is glibc.
+    """Let this process reuse the memory of a pair for the next pair, if its C library is glibc.
 
-    Otherwise glibc returns freed arrays to the kernel, which gives them out again in single zeroed pages.
+    Otherwise glibc returns freed arrays to the kernel, which zeroes each page before it can be used again.
     """
     set_option = getattr(ctypes.CDLL(None), "mallopt", None)
     if set_option is not None:
@@ -153,9 +153,6 @@ def cores() -> int:
 
 
 def threads_each(workers: int) -> int:
-    """Return llvmpipe's number of threads in each of so many processes, which share the usable cores.
-
-    0 lets llvmpipe draw in the calling thread.
-    """
+    """Return llvmpipe's threads in each worker, which share the usable cores; 0 means the calling thread."""
     share = cores() // max(workers, 1)
     return 0 if share < 2 else share

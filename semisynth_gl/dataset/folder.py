@@ -1,6 +1,6 @@
-"""A dataset's folder: `begin` writes the plan, `missing` lists the shards it lacks, `finish` writes the index last.
+"""A dataset's folder: `begin` writes the plan, `missing` lists the missing shards, `finish` writes the index last.
 
-A run may be killed anywhere: the next one goes on with the shards that have no record.
+A run may be killed at any time: the next run makes the shards that have no record.
 """
 
 import fcntl
@@ -14,47 +14,47 @@ from upath import UPath
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, DatasetPlan, Shard, parse
-from semisynth_gl.dataset.index import describe_dataset, encode_card
+from semisynth_gl.dataset.index import encode_card, index_values
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
-from semisynth_gl.dataset.root import clear_errors, is_local, names_below, path_of, read_if_there, replace, write
+from semisynth_gl.dataset.root import explained_errors, is_local, names_below, read_if_there, replace, shown_path, write
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.scene.sources import SceneSources
 from semisynth_gl.seeds.splits import SplitName
 
-# Requests to a store at a time.
+# Maximum number of simultaneous requests to a store.
 _REQUESTS = 16
 
 
 def read_plan(root: UPath) -> DatasetPlan | None:
-    """Read the plan of a dataset; return None where the root is empty or does not exist.
+    """Read the plan of a dataset; return None if the root is empty or does not exist.
 
     Raises:
-        InputError: where a newer program wrote the plan, its layout is a plug-in that is not installed, or the root has
-            something else than a dataset.
+        InputError: where a newer program wrote the plan, its layout is a plug-in that is not installed, or the root
+            holds something other than a dataset.
         ReadError: where the plan is damaged.
     """
     if is_local(root) and root.is_file():
         raise InputError(f"{root}: expected a folder, got a file", argument="out")
     data = read_if_there(root, PLAN)
     if data is None:
-        with clear_errors(root):
-            # Another run may have the lock, or have been killed while it wrote the plan.
+        with explained_errors(root):
+            # A different run may hold the lock, or may have been killed while it wrote the plan.
             names = [name for name in names_below(root) if not name.startswith((PLAN, LOCK))]
         if names:
             raise InputError(
                 f"{root}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of {PROGRAM}: "
-                "choose another",
+                "choose a different one",
                 argument="out",
             )
         return None
-    return parse(DatasetPlan, data, path_of(root, PLAN))
+    return parse(DatasetPlan, data, shown_path(root, PLAN))
 
 
-def check_same(root: UPath, there: DatasetPlan, plan: DatasetPlan) -> None:
-    """Raise InputError, which names the keys, where a dataset's plan cannot grow to another one.
+def check_resumable(root: UPath, there: DatasetPlan, plan: DatasetPlan) -> None:
+    """Raise InputError, which names the keys, if a dataset with the plan ``there`` cannot go on as ``plan``.
 
-    A plan that is not begun yet may lack the digests of patches and models.
+    The digests of patches and models are compared only if ``plan`` has them.
     """
     keys = ("version", "config_values", "seed", "layout", "shard_pairs", "plugins")
     old, new = ({key: values.get(key, {}) for key in keys} for values in (there.values(), plan.values()))
@@ -71,42 +71,41 @@ def check_same(root: UPath, there: DatasetPlan, plan: DatasetPlan) -> None:
 
 
 def begin(root: UPath, plan: DatasetPlan, *, overwrite: bool = False) -> None:
-    """Write a dataset's plan, or go on with the dataset that was begun with the same plan or one of fewer pairs.
+    """Write a dataset's plan, or go on with a dataset that has the same plan, or the same plan with fewer pairs.
 
-    With ``overwrite``, another dataset, and one with an index, is removed with all that is in the folders of its
-    layout. Raises InputError where the folder holds something else or, without ``overwrite``, a dataset of another
-    plan.
+    With ``overwrite``, a finished dataset, or one with a different plan, is removed with all files in its layout's
+    folders. Raises InputError if the folder holds something else or, without ``overwrite``, any other dataset.
     """
     there = read_plan(root)
     if there is not None:
         if overwrite and (there != plan or (root / INDEX).exists()):
             _remove(root, there)
         else:
-            check_same(root, there, plan)
+            check_resumable(root, there, plan)
         (root / INDEX).unlink(missing_ok=True)
         ends = {shard.record: shard.end for shard in plan.shards}
         for shard in there.shards:
-            if ends.get(shard.record, shard.end) != shard.end:  # the last one of a split gets more pairs
+            if ends.get(shard.record, shard.end) != shard.end:  # the split's last shard gets more pairs
                 (root / shard.record).unlink(missing_ok=True)
     if there != plan:
-        with clear_errors(root):
+        with explained_errors(root):
             replace(root, PLAN, JSON_OBJECT.encode(plan.values()))
 
 
 def missing(root: UPath, plan: DatasetPlan) -> list[Shard]:
-    """Return the shards that have no record: they are made again as a whole."""
+    """Return the shards that have no record; they are made as a whole, even if files of them exist."""
     there = {f"{RECORDS}/{name}" for name in names_below(root / RECORDS)}
     return [shard for shard in plan.shards if shard.record not in there]
 
 
 def finish(root: UPath, plan: DatasetPlan, sources: Mapping[SplitName, SceneSources]) -> dict[str, Any]:
-    """Write the lists, links and card of a dataset that lacks no shard, and last its index, whose content it returns.
+    """Write lists, links and card of a dataset that lacks no shard, and last its index; return the index's content.
 
     ``sources`` are the photographs, patches and models of each split.
     """
     with ThreadPoolExecutor(_REQUESTS) as pool:
         records = pool.map(lambda shard: read_record(root, shard, packed=plan.layout.packed), plan.shards)
-        index = describe_dataset(plan, sources, records)
+        index = index_values(plan, sources, records)
     for name, data in plan.lists.items():
         write(root, name, data)
     write(root, CARD, encode_card(plan, index))
@@ -125,8 +124,8 @@ def finish(root: UPath, plan: DatasetPlan, sources: Mapping[SplitName, SceneSour
 def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
     """Lock a dataset against other runs, also on other machines with the disk; the lock ends with the process.
 
-    Runs that are ``shared``, since each makes other shards, exclude only runs that are not ``shared``. Object stores
-    and some network file systems have no locks. Raises InputError where another run has locked the dataset.
+    ``shared`` runs make different shards, and exclude only runs that are not shared. Object stores and some network
+    file systems have no locks. Raises InputError if a different run has locked the dataset.
     """
     if not is_local(root):
         yield
@@ -142,7 +141,7 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
             fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(
-                f"{root}: another run is making this dataset: wait for its end or stop it, or share the work by "
+                f"{root}: another run is making this dataset: wait for its end, stop it, or let each run make "
                 "different shards",
                 argument="out",
             ) from None
@@ -156,7 +155,7 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
 
 
 def _remove(root: UPath, plan: DatasetPlan) -> None:
-    """Remove all that is in the folders of a dataset, except its plan; records first: without them, no shard counts."""
+    """Remove all files in the folders of a dataset except its plan; records first, so that no shard seems complete."""
     tops = plan.tops
     names = [name for name in names_below(root) if name.split("/")[0] in tops and name not in {PLAN, LOCK}]
     records = [name for name in names if name == INDEX or (name.startswith(RECORDS) and name.endswith(".json"))]
@@ -165,7 +164,7 @@ def _remove(root: UPath, plan: DatasetPlan) -> None:
         for name in (*records, *others):
             (root / name).unlink()
         for top in tops - {RECORDS}:
-            shutil.rmtree(root / top, ignore_errors=True)  # empty folders are left
+            shutil.rmtree(root / top, ignore_errors=True)  # files are gone, folders are left
     else:
         for part in filter(None, (records, others)):
             root.fs.rm([(root / name).path for name in part])

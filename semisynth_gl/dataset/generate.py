@@ -1,4 +1,4 @@
-"""Making a dataset: an engine makes the shards that are missing, and the index follows once none is."""
+"""Making a dataset: an engine makes the missing shards, and once all are there, the index is written."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from upath import UPath
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import INDEX, DatasetPlan, Shard
 from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
-from semisynth_gl.dataset.folder import begin, check_same, finish, locked, missing, read_plan
+from semisynth_gl.dataset.folder import begin, check_resumable, finish, locked, missing, read_plan
 from semisynth_gl.dataset.make import DatasetJob
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import is_local, open_root
@@ -27,7 +27,7 @@ from semisynth_gl.textures.image_files import reaching_source
 
 @dataclass(frozen=True, slots=True)
 class GenerationResult:
-    """A dataset after a run: its root, the plan of the complete dataset, and the number of shards still missing."""
+    """A dataset after a run: its root, the plan of the complete dataset, and the number of missing shards."""
 
     root: UPath
     plan: DatasetPlan
@@ -49,27 +49,25 @@ def generate(
     overwrite: bool = False,
     listener: Listener | None = None,
 ) -> GenerationResult:
-    """Write a dataset, or its missing part.
-
-    The files are the same with every engine, however often the run was ended and begun again.
+    """Write a dataset, or its missing part. The files do not depend on the engine, nor on interruptions.
 
     Args:
         config: the config of the pairs, such as `load_config` returns.
         out: the dataset's folder, or an address that fsspec knows.
-        pairs: number of training pairs, or of the pairs of each split by its name.
+        pairs: number of training pairs, or number of pairs by split.
         seed: the dataset's seed, 0 or more.
         layout: see `semisynth_gl.layouts`; by default the layout of the dataset in ``out``, else the config's, else
             ``middlebury``, and ``webdataset`` from 10,000 pairs on.
         backend: "auto", "egl" or "osmesa".
-        engine: runs the shards; by default in this process.
+        engine: makes the shards; by default in this process.
         gpus: CUDA's numbers of the GPUs that workers take in turn; by default the first GPU of CUDA_VISIBLE_DEVICES
             or, where that is not set, EGL's first device.
         shard_pairs: pairs in a shard; by default as in the dataset in ``out``, else 64 or fewer, see `make_plan`.
-        shards: numbers of the shards to make; by default all. Runs may share the shards of a dataset, also on several
-            machines; the run that finds none missing writes the index.
-        overwrite: replace an earlier dataset of this program, with all that is in the folders of its layout; an
+        shards: numbers of the shards to make; by default all. Runs on several machines may make different shards of a
+            dataset. The run that makes the last one writes the index.
+        overwrite: replace an earlier dataset of this program, with all files in the folders of its layout; an
             unfinished dataset of the same plan is resumed.
-        listener: hears messages, the number of pairs to make and each pair.
+        listener: receives messages, the number of pairs to make and each pair.
 
     Raises:
         SemisynthError: where the input cannot be used, ``out`` holds something else, or workers keep dying.
@@ -84,9 +82,9 @@ def generate(
         shard_pairs = there.shard_pairs if shard_pairs is None else shard_pairs
     plan = make_plan(config, seed, layout, named, shard_pairs)
     chosen = _chosen(plan.shards, shards)
-    check_apart(root, plan.config)
+    check_outside_sources(root, plan.config)
     if there is not None and not overwrite:
-        check_same(root, there, plan)
+        check_resumable(root, there, plan)
         if there.pairs == plan.pairs and (root / INDEX).exists() and not missing(root, there):
             return GenerationResult(root, there, 0)
     if isinstance(engine, SerialEngine | LocalEngine):
@@ -111,19 +109,19 @@ def generate(
     return GenerationResult(root, plan, len(left))
 
 
-def check_apart(root: UPath, config: Config) -> None:
+def check_outside_sources(root: UPath, config: Config) -> None:
     """Raise InputError if the dataset's folder is inside a folder of photographs or models."""
     images = config.textures.images if config.textures.source == "images" else ()
     if is_local(root) and (source := reaching_source(Path(root), (*images, *config.models.folders))):
         raise InputError(
             f"{root}: is inside {source}, from which the dataset is made. Its files would be used as photographs or "
-            "models: choose a folder apart",
+            "models: choose a folder elsewhere",
             argument="out",
         )
 
 
 def _describe(plan: DatasetPlan, sources: Mapping[SplitName, SceneSources], listener: Listener) -> None:
-    """Report the patches and models of each split; raises InputError for a target that the scenes cannot meet."""
+    """Report the patches and models of each split; raises InputError if the scenes cannot meet the target."""
     for split, split_sources in sources.items():
         prefix = f"{split}: " if len(sources) > 1 else ""
         listener.on_message(prefix + split_sources.atlas.report.summary())
@@ -138,7 +136,7 @@ def _describe(plan: DatasetPlan, sources: Mapping[SplitName, SceneSources], list
         listener.on_message(f"disparities above {limit} become invalid: {disparity.description} cannot hold them")
     first = plan.splits[0]
     seed, patches = plan.split(first).seed, sources[first].atlas.patches
-    # Before any worker starts, so that all workers find the result in the cache.
+    # Solve the scenes before workers start, so that all workers find the result in the cache.
     MixSampler(plan.config, seed, sources[first].libraries, patches).expected()
 
 

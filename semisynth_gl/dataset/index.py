@@ -1,4 +1,4 @@
-"""The index of a dataset, and its card: a README.md with the front matter that hubs read, by assets/card.md.jinja."""
+"""The index of a dataset, and its card: a README.md with front matter for hubs, from assets/card.md.jinja."""
 
 import hashlib
 import re
@@ -17,9 +17,9 @@ from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.sources import describe_source
 
-# The licence of the models and pictures that this program makes.
+# Licence of the models and pictures that this program makes.
 _OWN_LICENCE = "MIT"
-# Some of the licences that Hugging Face's hub knows; any other one becomes "other" with a name.
+# Licences that Hugging Face's hub knows; the card calls all others "other" and adds their name.
 _LICENCES = re.compile(
     r"unknown|other|mit|apache-2\.0|bsd-[23]-clause|[al]?gpl-3\.0|cc0-1\.0|cc-by(-nc)?(-nd|-sa)?-4\.0|cc-by(-sa)?-3\.0"
     r"|odbl|odc-by|pddl"
@@ -27,13 +27,13 @@ _LICENCES = re.compile(
 _SIZES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B")
 
 
-def describe_dataset(
+def index_values(
     plan: DatasetPlan, sources: Mapping[SplitName, SceneSources], records: Iterable[ShardRecord]
 ) -> dict[str, Any]:
     """Return the content of an index, from the sources of each split and the records of all shards in order."""
     renderers: set[str] = set()
     shards = []
-    for record in records:  # one at a time: together they may fill memory
+    for record in records:  # one at a time: all together might fill memory
         renderers.update(record.renderers)
         shards.append(record.entry)
     return plan.values() | {
@@ -51,7 +51,7 @@ def _describe_split(plan: DatasetPlan, split: SplitName, sources: SceneSources) 
     names = {patch.source for patch in sources.atlas.patches}
     files = {name: path for path, name in relative_names(sources.photographs).items() if name in names}
     digests = {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
-    digests |= sources.atlas.pictures  # painted ones have no files
+    digests |= sources.atlas.pictures  # painted pictures have no files
     source = describe_source(config.textures.source)
     licence = {"config": config.licences.images, "own": _OWN_LICENCE, "none": "none"}[source.licence]
     licences = source.licences()
@@ -64,12 +64,12 @@ def _describe_split(plan: DatasetPlan, split: SplitName, sources: SceneSources) 
             for name in sorted(names)
         ],
         "patches": patches,
-        # Variants of a built-in kind share a name, but have different digests.
+        # Variants of a built-in kind have the same name, but different digests.
         "models": [
             {
                 "name": mesh.name,
                 "sha256": _sha256(mesh.positions, mesh.uv, mesh.triangles),
-                # Models of users are named after files, with an ending, and those of plug-ins have a slash in the name.
+                # No user's or plug-in's model has such a name: it has a file's ending or a slash.
                 "licence": _OWN_LICENCE if mesh.name in own_kinds else config.licences.models,
             }
             for mesh in sources.models
@@ -86,7 +86,7 @@ def _sha256(*arrays: np.ndarray[Any, Any]) -> str:
 
 
 def encode_card(plan: DatasetPlan, index: Mapping[str, Any]) -> bytes:
-    """Encode a dataset's README.md from its plan and what `describe_dataset` returned."""
+    """Encode a dataset's README.md from its plan and what `index_values` returned."""
     licence = plan.config.licences.dataset.lower()
     known = _LICENCES.fullmatch(licence)
     power = max(0, len(str(sum(plan.pairs.values()))) - 3)
@@ -115,17 +115,17 @@ def _configs(plan: DatasetPlan) -> list[dict[str, Any]]:
             "config_name": role,
             "default": role == "left",
             "data_files": [{"split": split, "path": patterns[split][role]} for split in plan.splits],
-            "drop_labels": True,  # else the folders' names become classes
+            "drop_labels": True,  # else the folders' names would become classes
         }
         for role, pattern in patterns[plan.splits[0]].items()
-        # Readers of images would take the high bytes of flow in 16-bit RGB.
+        # Hubs read only the high bytes of 16-bit RGB, so flow in it is left out.
         if pattern.endswith((".png", ".jpg")) and plan.layout.role(role).codec(plan.encodings) != plan.encodings.flow
     ]
 
 
 def file_patterns(plan: DatasetPlan, split: SplitName) -> dict[str, str]:
     """Return a glob by role for the files of all pairs of a split, below the dataset's folder or inside a tar."""
-    # These pairs differ in view, frame and sequence, and so wherever names can.
+    # The pairs differ in view, frame and sequence, so their names differ wherever names can.
     together = plan.config.sequence_pairs
     numbers = (0, 1, 3, plan.views, together, 3 * together, 3000 * together)
     pairs = [plan.files(split, number) for number in numbers]
@@ -133,7 +133,7 @@ def file_patterns(plan: DatasetPlan, split: SplitName) -> dict[str, str]:
 
 
 def _pattern(paths: list[str]) -> str:
-    """Return the paths as one, with a star where names of files or folders differ; a star takes a number as a whole."""
+    """Return one glob for the paths, with a star for names that differ; the star covers whole numbers."""
     parts = []
     for names in zip(*(path.split("/") for path in paths), strict=True):
         begin, end = commonprefix(names), commonprefix([name[::-1] for name in names])[::-1]  # noqa: RUF071 - names

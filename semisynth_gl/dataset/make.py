@@ -1,4 +1,4 @@
-"""Making shards: one process renders, encodes and writes the pairs of one shard after the other."""
+"""Making shards: one process renders, encodes and writes the pairs of its shards, shard by shard."""
 
 import hashlib
 import json
@@ -29,9 +29,10 @@ from semisynth_gl.seeds.splits import SplitName
 
 @dataclass(frozen=True, slots=True)
 class DatasetJob:
-    """What every process that makes shards is told: the dataset's plan and root, and the renderer's backend.
+    """What each process needs to make shards: the dataset's plan and address, and the renderer's backend.
 
-    ``gpus`` are CUDA's numbers of the GPUs that processes take in turn; empty for the default of `egl_index_of_worker`.
+    ``gpus`` are CUDA's numbers of the GPUs, assigned to workers in turn; empty for the default of
+    `egl_index_of_worker`.
     """
 
     plan: DatasetPlan
@@ -57,21 +58,21 @@ class ShardMaker:
         """Render, encode and write the pairs of a shard, see `write_shard`; return the renderer's name.
 
         Raises:
-            InputError: where this process has other plug-ins, photographs or models than the plan says, or pairs keep
-                failing the config's checks.
-            ContextLostError: where the driver was reset; this process can render no more.
+            InputError: where this process has other plug-ins, photographs or models than those in the plan, or pairs
+                keep failing the config's checks.
+            ContextLostError: where the driver was reset; this process cannot render again.
         """
         plan, shard = self._job.plan, self._job.plan.shards[number]
         renderer = self._renderer_of(shard.split, listener)
         rendered = map(renderer.render, range(shard.first, shard.end))
         in_thread = not is_software(renderer.renderer_name)
-        with closing(in_order(rendered, partial(encode, plan, shard), in_thread=in_thread)) as pairs:
+        with closing(encoded_in_order(rendered, partial(encode, plan, shard), in_thread=in_thread)) as pairs:
             write_shard(open_root(self._job.address), plan, shard, pairs, listener)
         return renderer.renderer_name
 
     def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
         if self._renderer is None or self._renderer.split.name != split:
-            self._renderer = None  # if opening fails below, no closed renderer stays
+            self._renderer = None  # so that no closed renderer stays if opening fails
             self._resources.close()
             plan = self._job.plan
             _check_same("plug-ins", plan.plugins, used_plugins(plan.config, plan.layout_name))
@@ -84,7 +85,7 @@ class ShardMaker:
 
 
 def _check_same(what: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
-    """Raise InputError where this process finds something else than the process that began the dataset."""
+    """Raise InputError if this process finds other plug-ins or files than the process that began the dataset."""
     if changed := differences(there, here):
         raise InputError(
             f"this process finds other {what} than the one that began the dataset: {abbreviate(changed)}. Give all "
@@ -93,7 +94,7 @@ def _check_same(what: str, there: Mapping[str, Any], here: Mapping[str, Any]) ->
 
 
 def open_renderer(job: DatasetJob, split: SplitName, worker: int = 0) -> PairRenderer:
-    """Open the renderer of a split, on the device of a worker; workers are numbered from 0."""
+    """Open the renderer of a split on the device of a worker; workers are numbered from 0."""
     return PairRenderer(job.plan.config, job.plan.split(split), job.backend, egl_index_of_worker(job.gpus, worker))
 
 
@@ -104,13 +105,13 @@ def encode(plan: DatasetPlan, shard: Shard, pair: Pair) -> EncodedPair:
     return encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings)
 
 
-def in_order(
+def encoded_in_order(
     rendered: Iterable[Pair], encode: Callable[[Pair], EncodedPair], *, in_thread: bool
 ) -> Generator[EncodedPair, None, None]:
     """Encode pairs, and yield the results in order.
 
-    With ``in_thread``, another thread encodes a pair while this one, which owns the context, renders the next:
-    compression, checksums and NumPy let other threads run. On a software renderer, one thread for both is faster.
+    With ``in_thread``, a second thread encodes a pair while this one, which owns the OpenGL context, renders the next.
+    On a software renderer, one thread for both is faster.
     """
     if not in_thread:
         yield from map(encode, rendered)
@@ -131,8 +132,7 @@ def write_shard(
 ) -> None:
     """Write the files of a shard's pairs, which are in order, then its record.
 
-    The listener hears each pair once its files are written. Raises OSError where the disk is full or cannot be written
-    to.
+    The listener receives each pair once its files are written. Raises OSError if the disk is full or read-only.
     """
     start, listener = time.perf_counter(), listener or Listener()
     packed, digest, size = plan.layout.packed, hashlib.sha256(), 0
@@ -158,9 +158,9 @@ def write_shard(
                     write(root, name, data)
                     digest.update(f"{sha256}  {name}\n".encode())  # as `sha256sum` writes it
                     size += len(data)
-            # All pairs of a sequence carry the same redraws.
+            # All pairs of a sequence have the same list: count it once.
             redrawn = [] if number % plan.config.sequence_pairs else pair.provenance.get("redrawn", [])
-            # Disparities that the encoding cannot store, in the view with more of them.
+            # The number of disparities that the encoding cannot store, in the view with more of them.
             beyond = max(pair.provenance.get(ViewArrays.disparity.beyond_key, {}).values(), default=0)
             facts = {"pair": number, "redrawn": redrawn, "share_beyond": beyond / prod(plan.size)}
             samples.append(facts | {"files": files})
@@ -192,7 +192,7 @@ def write_shard(
 def _tar_member(name: str, data: bytes) -> bytes:
     """Encode a file as a member of a tar, without time and owner, and with mode 0644.
 
-    The header takes one block, as all readers know it, where the name has 100 characters or less.
+    If the name has at most 100 characters, the header has one block, as all readers expect.
     """
     info = tarfile.TarInfo(name)
     info.size = len(data)

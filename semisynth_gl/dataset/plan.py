@@ -1,4 +1,4 @@
-"""Making the plan of a dataset: a layout that can hold it, and the number of pairs in a shard."""
+"""Making the plan of a dataset: its layout, and the number of pairs in a shard."""
 
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
@@ -14,12 +14,11 @@ from semisynth_gl.layouts.layout import sequence_length
 from semisynth_gl.plugins import PluginPackage, plugin_records
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
-# A shard that a run was killed in is made again, so it has few pairs. Small datasets have at least a few shards, so
-# that workers can share them.
+# Shards are small, since a killed run makes its shard again. Small datasets have a few shards for several workers.
 _MOST_SHARD_PAIRS = 64
-_SHARD_PIXELS = 86_000_000  # of cameras; about 1 GB
+_SHARD_PIXELS = 86_000_000  # of one eye; files of about 1 GB
 _FEWEST_SHARDS = 8
-# From this number of pairs on, file systems are slower with single files than with tars.
+# From this number of pairs on, single files are slower than tars on most file systems.
 _MANY_PAIRS = 10_000
 _ABSENT = object()
 
@@ -27,15 +26,14 @@ _ABSENT = object()
 def make_plan(
     config: Config, seed: int, layout_name: str | None, pairs: Mapping[SplitName, int], shard_pairs: int | None = None
 ) -> DatasetPlan:
-    """Make the plan of a dataset; outputs that the layout needs are added to the config.
+    """Make the plan of a dataset; the config gets outputs that the layout needs.
 
     Args:
         config: the config of the pairs.
         seed: 0 or more.
-        layout_name: the name of a layout, built-in or a plug-in's; by default the config's, else ``middlebury``, and
-            ``webdataset`` from 10,000 pairs on.
-        pairs: number of pairs of each split; 0 leaves a split out.
-        shard_pairs: pairs in a shard; by default 64 of them, and fewer in small datasets or of large images.
+        layout_name: by default the config's, else ``middlebury``, and ``webdataset`` from 10,000 pairs on.
+        pairs: number of pairs of each split, which may be 0.
+        shard_pairs: pairs in a shard; by default 64, and fewer in small datasets or of large images.
 
     Raises:
         InputError: where a number is out of range, there is no such layout, or the layout cannot hold the config's
@@ -48,7 +46,7 @@ def make_plan(
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
     layout_name = layout_name or config.layout or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
     layout = find_layout(layout_name)
-    for reason in _faults(config, layout):
+    for reason in _conflicts(config, layout):
         raise InputError(f"the layout {layout_name} {reason}; or choose another layout, such as middlebury")
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
@@ -72,8 +70,8 @@ def make_plan(
     )
 
 
-def _faults(config: Config, layout: Layout) -> Iterator[str]:
-    """Yield why a layout cannot hold a config's outputs, encodings or sequences."""
+def _conflicts(config: Config, layout: Layout) -> Iterator[str]:
+    """Yield reasons why a layout cannot hold a config's outputs, encodings or sequences."""
     encodings, length = layout.encodings_for(config), sequence_length(config)
     if layout.encodings is not None and config.files != type(config.files)():
         yield "sets the encodings itself: leave the section files out of the config"
@@ -83,11 +81,11 @@ def _faults(config: Config, layout: Layout) -> Iterator[str]:
         if output in layout.lacks:
             yield f"has no files for the output {output}: leave it out of outputs"
     if encodings.signed and not encodings.disparity.signed:
-        yield f"stores disparities as {encodings.disparity.description}, which has no signed ones"
+        yield f"stores disparities as {encodings.disparity.description}, which cannot be signed"
 
 
 def used_plugins(config: Config, layout_name: str) -> dict[str, dict[str, PluginPackage]]:
-    """Return the installed packages of a dataset's plug-ins; raises InputError where one is not installed."""
+    """Return the records of a dataset's plug-ins; raises InputError if one is not installed."""
     used = [*config.used_plugins().values()]
     if layout_name not in LAYOUTS:
         used.append(("layouts", layout_name))
@@ -99,13 +97,13 @@ def _shard_pairs(config: Config, pairs: int) -> int:
     if config.lens is not None and "raw" in config.outputs:
         pixels += config.lens.raw_width_px * config.lens.raw_height_px
     number = max(1, min(_MOST_SHARD_PAIRS, _SHARD_PIXELS // pixels, ceil(pairs / _FEWEST_SHARDS)))
-    # If two shards shared a sequence, it would be set up twice.
+    # A sequence in two shards would be set up twice.
     together = config.sequence_pairs
     return ceil(number / together) * together
 
 
 def differences(before: Mapping[Any, Any], now: Mapping[Any, Any], prefix: str = "") -> list[str]:
-    """Return the dotted keys at which two mappings in JSON's types differ, each as text with both values."""
+    """Return a text for each dotted key at which two mappings in JSON's types differ, with both values."""
     texts: list[str] = []
     for key in dict.fromkeys((*before, *now)):
         old, new = before.get(key, _ABSENT), now.get(key, _ABSENT)

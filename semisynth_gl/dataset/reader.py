@@ -1,4 +1,4 @@
-"""A dataset as a sequence of pairs, whose arrays have the same names in every layout."""
+"""A dataset as a sequence of pairs. The arrays of a pair have the same names in every layout."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ from typing import cast
 from upath import UPath
 
 from semisynth_gl.dataset.documents import INDEX, PLAN, DatasetIndex, DatasetPlan, Shard, ShardRecord, parse
-from semisynth_gl.dataset.root import open_root, path_of, read_if_there, read_part, read_whole
+from semisynth_gl.dataset.root import open_root, read_if_there, read_part, read_whole, shown_path
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, ReadError, shown
 from semisynth_gl.seeds.splits import SplitName
 
-# A reader keeps this many records of tars; the records of a million pairs would fill memory.
+# Maximum number of records of tars in memory; those of a million pairs would fill it.
 _RECORDS_KEPT = 1000
 
 
@@ -27,22 +27,22 @@ class StoredIndex:
 
     @property
     def root(self) -> UPath:
-        """The dataset's root. Each use makes it anew: a forked process must not use the connections of its parent."""
+        """The dataset's root, made anew at each use: a forked process must not use its parent's connections."""
         return open_root(self.address)
 
     @property
-    def made(self) -> DatasetIndex | None:
+    def finished_index(self) -> DatasetIndex | None:
         """The content of index.json; None for an unfinished dataset."""
         return self.plan if isinstance(self.plan, DatasetIndex) else None
 
     @property
     def fault(self) -> str | None:
         """What an unfinished dataset lacks; None for a finished one."""
-        return None if self.made else f"it has no {INDEX}: it is not finished; run its generate command again"
+        return None if self.finished_index else f"it has no {INDEX}: it is not finished; run its generate command again"
 
 
 def read_index(address: str | PathLike[str]) -> StoredIndex:
-    """Read the index of a dataset, or the plan of an unfinished one, by its folder or an address that fsspec knows.
+    """Read the index of a dataset, or the plan of an unfinished one, from a folder or an address that fsspec knows.
 
     Raises:
         InputError: where the address has no dataset, or a dataset of a newer format.
@@ -53,16 +53,15 @@ def read_index(address: str | PathLike[str]) -> StoredIndex:
     for name, model in ((INDEX, DatasetIndex), (PLAN, DatasetPlan)):
         data = read_if_there(root, name)
         if data is not None:
-            return StoredIndex(address, parse(model, data, path_of(root, name)))
+            return StoredIndex(address, parse(model, data, shown_path(root, name)))
     raise InputError(f"{address}: not a dataset: there is no such folder, or it has neither {INDEX} nor {PLAN}")
 
 
 class Dataset:
     """A finished dataset, or one of its splits: ``dataset[i]`` is a pair with its truth.
 
-    Without a split, these are all pairs, in the order train, validation, test. Indexing reads the files of a pair and
-    closes them again, so threads and processes, forked or spawned, may share a dataset. ``about`` is the index of the
-    dataset.
+    Without a split, these are all pairs, in the order train, validation, test. No file stays open between reads, so
+    threads and processes, forked or spawned, may share a dataset. ``about`` is the index of the dataset.
 
     Raises InputError where the dataset is not finished, or lacks the split.
     """
@@ -84,8 +83,8 @@ class Dataset:
     def __getitem__(self, number: int) -> StoredFrame:
         """Read a pair; raises as `pair` does.
 
-        Raises ReadError where a file is missing, cut off, cannot be read, or has another size than the dataset's
-        images, or a record does not describe its shard.
+        Raises ReadError where a file is missing, cut off, unreadable, or not of the size of the dataset's images, or a
+        record does not describe its shard.
         """
         plan, root, (split, pair) = self.about.plan, self.about.root, self.pair(number)
         layout, names = plan.layout, plan.files(split, pair)
@@ -95,17 +94,17 @@ class Dataset:
         else:
             files = {name: read_whole(root, name) for name in names.values()}
         values = {
-            role: decode_file(layout, role, files[name], path_of(root, name), plan.encodings)
+            role: decode_file(layout, role, files[name], shown_path(root, name), plan.encodings)
             for role, name in names.items()
         }
         for role, fault in wrong_sizes(values, plan.size):
-            raise ReadError(path_of(root, names[role]), fault)
+            raise ReadError(shown_path(root, names[role]), fault)
         return assemble_frame(plan.key(split, pair), values, plan.encodings)
 
     def pair(self, number: int) -> tuple[SplitName, int]:
         """Return the split of a pair, and the pair's number in the split.
 
-        Raises IndexError where the dataset has fewer pairs, InputError where the number is not a whole number.
+        Raises IndexError if the dataset has fewer pairs, and InputError if the number is not a whole number.
         """
         position = range(len(self))[to_whole("the number of a pair", number)]
         for split, count in self._counts.items():
@@ -136,7 +135,7 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
 
 def read_record(root: UPath, shard: Shard, *, packed: bool) -> ShardRecord:
     """Read the record of a shard; raises ReadError where it is missing, or does not describe the shard."""
-    path = path_of(root, shard.record)
+    path = shown_path(root, shard.record)
     record = parse(ShardRecord, read_whole(root, shard.record), path)
     if not record.describes(shard) or [each.pair for each in record.samples] != list(range(shard.first, shard.end)):
         raise ReadError(path, f"expected {shard.name} with the pairs {shard.first} to {shard.end - 1}")
@@ -154,11 +153,11 @@ def read_members(root: UPath, shard: Shard, record: ShardRecord, pair: int, name
     listed = record.samples[pair - shard.first].files
     for name in names:
         if name not in listed:
-            raise ReadError(path_of(root, shard.record), f"has no entry for {name}")
+            raise ReadError(shown_path(root, shard.record), f"has no entry for {name}")
     spans = {name: (cast("int", listed[name].offset), listed[name].bytes) for name in names}
     begin = min(offset for offset, _ in spans.values())
     end = max(offset + size for offset, size in spans.values())
     data = read_part(root, shard.tar, begin, end - begin)
     if len(data) < end - begin:
-        raise ReadError(path_of(root, shard.tar), f"ends before {end} bytes, where its record has files")
+        raise ReadError(shown_path(root, shard.tar), f"ends before {end} bytes, where its record has files")
     return {name: data[offset - begin : offset - begin + size] for name, (offset, size) in spans.items()}

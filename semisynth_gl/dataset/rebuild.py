@@ -13,22 +13,22 @@ from semisynth_gl.textures.atlas import Patch
 
 
 class RebuiltScenes:
-    """Rebuilds the scenes of a split, without the photographs: patches colour a scene and do not shape it.
+    """Rebuilds the scenes of a split. It needs no photographs: patches colour a scene and do not shape it.
 
     ``config`` and ``seed`` are the dataset's, and ``models`` are the meshes that `Scene.model` indexes.
 
     Raises:
-        InputError: where the dataset is not finished, or models are missing, or a plug-in that made models is missing
-            or has another version.
+        InputError: where the dataset is not finished, or models are missing, or a plug-in with models is not installed
+            in the same version.
     """
 
     def __init__(self, index: StoredIndex, split: SplitName) -> None:
-        made = index.made
+        made = index.finished_index
         described = made and made.split_sources.get(split)
         if made is None or not described or not described.patches:
             raise InputError(f"{index.root}: the scenes cannot be rebuilt: {index.fault or 'its index has no patches'}")
         self.config, self.seed, part = made.config, made.seed, made.split(split)
-        # Another version of a plug-in may make other models. Recipes need no check: the config has their keys.
+        # A different version of a plug-in may make different models. Recipes need no check: the config has their keys.
         require_plugins(f"{index.root}: the scenes cannot be rebuilt", "models", made.plugins.get("models", {}))
         libraries = recipe_libraries(self.config, part)
         self._sampler = MixSampler(
@@ -37,9 +37,9 @@ class RebuiltScenes:
         self.models: tuple[Mesh, ...] = self._sampler.models
 
     def sampled(self, frame: StoredFrame) -> SampledScene | None:
-        """Rebuild a pair's scene, with the origin of its instances.
+        """Rebuild a pair's scene, with the slot and generation of each instance.
 
-        Return None where config and seed lead to another recipe or camera than those in the pair's provenance.
+        Return None if its recipe or camera differs from the one in the pair's provenance.
         """
         redrawn = frame.provenance.get("redrawn")  # an entry for each earlier attempt that failed the config's checks
         rebuilt = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0)

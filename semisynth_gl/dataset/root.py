@@ -1,4 +1,4 @@
-"""A dataset's root: a folder of this machine, or an address that fsspec knows, as a path of universal-pathlib."""
+"""A dataset's root: a folder on this machine or an address that fsspec knows, as a path of universal-pathlib."""
 
 import os
 import re
@@ -20,8 +20,8 @@ def open_root(address: str | os.PathLike[str]) -> UPath:
     """Return the path of a folder, in which ``~`` is the home folder, or of an address ``protocol://...``.
 
     Raises:
-        InputError: where the address is empty or has one slash after its colon, or where the protocol is unknown or
-            its package not installed.
+        InputError: where the address is empty, has one slash after its colon, or has a protocol that is unknown or
+            whose package is not installed.
     """
     text = os.fspath(address)
     path = text.removeprefix("file://").removeprefix("local://")
@@ -43,48 +43,48 @@ def open_root(address: str | os.PathLike[str]) -> UPath:
 
 
 def is_local(root: UPath) -> TypeGuard[Path]:
-    """Return whether a root is a folder of this machine."""
+    """Return whether a root is a folder on this machine."""
     return isinstance(root, Path)
 
 
-def path_of(root: UPath, name: str) -> Path:
+def shown_path(root: UPath, name: str) -> Path:
     """Return the path of a file for messages, without the protocol of an address."""
     return Path(root.path, name)
 
 
 def read_whole(root: UPath, name: str) -> bytes:
-    """Read a file of a dataset; raises ReadError where it is missing, cannot be read, or has more than 2 GiB."""
+    """Read a file of a dataset; raises ReadError if it is missing, unreadable, or larger than 2 GiB."""
     data = read_part(root, name, 0, _MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
-        raise ReadError(path_of(root, name), f"has more than {_MOST_BYTES} bytes")
+        raise ReadError(shown_path(root, name), f"has more than {_MOST_BYTES} bytes")
     return data
 
 
 def read_if_there(root: UPath, name: str) -> bytes | None:
-    """Read a file as `read_whole` does, or return None where it is missing; raises as `clear_errors` says."""
-    with clear_errors(root):
+    """Read a file with `read_whole`, or return None if it is missing; raises as `explained_errors` says."""
+    with explained_errors(root):
         return read_whole(root, name) if (root / name).exists() else None
 
 
 def read_part(root: UPath, name: str, offset: int, length: int) -> bytes:
-    """Read bytes of a file from an offset on, fewer where the file ends earlier; raises ReadError where it cannot."""
+    """Read up to ``length`` bytes of a file from an offset on; raises ReadError if that fails."""
     path = root / name
     try:
         if not is_local(root):
             return bytes(root.fs.cat_file(path.path, start=offset, end=offset + length))  # one request
         with path.open("rb") as file:
-            # At most the rest of the file, so that a wrong length takes no memory.
+            # Read at most the rest of the file, so that a wrong length allocates no memory.
             length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
             file.seek(offset)
             return bytes(file.read(length))
     except (FileNotFoundError, NotADirectoryError):
-        raise ReadError(path_of(root, name), "is missing") from None
+        raise ReadError(shown_path(root, name), "is missing") from None
     except OSError as error:
-        raise ReadError(path_of(root, name), f"cannot be read: {error.strerror or error}") from None
+        raise ReadError(shown_path(root, name), f"cannot be read: {error.strerror or error}") from None
 
 
 def names_below(root: UPath) -> list[str]:
-    """Return the names of all files below a root, sorted; links are files, and are not followed."""
+    """Return the names of all files below a root, sorted; links are treated as files, and not followed."""
     if not is_local(root):
         prefix = f"{root.path.rstrip('/')}/"
         return sorted(path.removeprefix(prefix) for path in root.fs.find(root.path))
@@ -106,7 +106,7 @@ def write(root: UPath, name: str, data: bytes) -> None:
 
 
 def replace(root: UPath, name: str, data: bytes) -> None:
-    """Write or replace a file, which is never seen in part; a kill may leave a file that ends in .new beside it."""
+    """Write or replace a file at once; if the process is killed, a file that ends in .new may remain beside it."""
     unfinished = f"{name}.{os.getpid()}.new" if is_local(root) else name
     write(root, unfinished, data)
     if unfinished != name:
@@ -114,8 +114,8 @@ def replace(root: UPath, name: str, data: bytes) -> None:
 
 
 @contextmanager
-def clear_errors(root: UPath) -> Iterator[None]:
-    """Turn any error of a store into an InputError with advice; stores raise other errors than OSErrors too."""
+def explained_errors(root: UPath) -> Iterator[None]:
+    """Turn errors of a store, which may have any type, into an InputError with advice."""
     try:
         yield
     except Exception as error:

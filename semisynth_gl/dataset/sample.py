@@ -1,4 +1,4 @@
-"""A pair as files in memory, encoded by the roles of a layout, and read back under the same names from any layout."""
+"""A pair as files in memory, encoded by a layout's roles and decoded to the same arrays from every layout."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ from semisynth_gl.layouts.roles import StorablePair, mask_from_not_occluded, not
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredFrame(Frame):
-    """A pair read from files: a frame with the facts that its files state.
+    """A pair read from files: a frame, and facts about it.
 
     Attributes:
         name: the pair's name, such as ``middlebury-000012``.
@@ -29,7 +29,7 @@ class StoredFrame(Frame):
         index: the pair's number in the split.
         provenance: the content of the pair's JSON file, which says how the pair was made.
         calibration: the content of Middlebury's calib.txt; None in layouts without this file.
-        encodings: codecs of the files; they know how far each file's values are rounded.
+        encodings: codecs of the files, with their rounding errors.
     """
 
     name: str = ""
@@ -41,13 +41,13 @@ class StoredFrame(Frame):
 
     @property
     def recipe(self) -> str | None:
-        """Name of the recipe that the scene was made by; None where the config has no recipes."""
+        """Name of the scene's recipe; None if the config has no recipes."""
         return self.provenance.get("recipe")
 
     def sky(self, eye: Eye) -> NDArray[np.bool_] | None:
-        """Return where a view shows the sky, (H, W) bool; None where the files do not say it.
+        """Return where a view shows the sky, (H, W) bool; None if the files do not say it.
 
-        A pair whose scene has a sky needs the output ``sky`` or ``instances`` for it. All other pairs show no sky.
+        If the scene has a sky, the files say it with the output ``sky`` or ``instances``.
         """
         view = self.view(eye)
         return np.asarray(view.sky == SKY) if "sky" in view else self.sky_of_instances(eye)
@@ -67,17 +67,17 @@ class StoredFrame(Frame):
         """Whether disparities reach into the borders that a lens leaves; see the config's ``lens.border_disparity``."""
         return (self.provenance.get("lens") or {}).get("border_disparity") is not False
 
-    def left_out(self, eye: Eye) -> NDArray[np.bool_]:
+    def cut_border(self, eye: Eye) -> NDArray[np.bool_]:
         """Return where a view has no disparity because its sensor saw nothing, (H, W) bool.
 
-        All are False unless the config says ``border_disparity: false`` of the lens.
+        All are False unless the config's ``lens.border_disparity`` is false.
         """
         if not self.border_disparity and "valid" in self.view(eye):
             return np.asarray(self.view(eye).valid != VISIBLE)
         return np.zeros((self.camera.height_px, self.camera.width_px), bool)
 
     def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
-        """Return the largest rounding error of stored disparities in pixels, float64 of the shape of ``disparity``."""
+        """Return the largest rounding error of stored disparities, float64 px of the shape of ``disparity``."""
         error = self.encodings.disparity.error_px
         if self.encodings.disparity.signed:
             return np.full(np.shape(disparity), error)
@@ -86,10 +86,7 @@ class StoredFrame(Frame):
 
 
 class EncodedPair(NamedTuple):
-    """A pair as files in memory: their bytes by path, below the split's folder or inside the tar.
-
-    ``provenance`` is the content of its JSON file.
-    """
+    """A pair as files in memory: bytes by path, below the split's folder or inside the tar; and its provenance."""
 
     files: dict[str, bytes]
     provenance: Mapping[str, Any]
@@ -100,8 +97,8 @@ def encode_pair(
 ) -> EncodedPair:
     """Encode a pair as files; a channel that the frame lacks gets no file.
 
-    Disparities and flow that the codec cannot store become invalid. They become invalid in the masks, in the changes of
-    disparity and in the calibration too, and the written provenance counts them by view under `Channel.beyond_key`.
+    Disparities and flow that the codec cannot store become invalid, also in the masks, in ``disparity_change`` and in
+    the calibration. The written provenance has their number in each view under `Channel.beyond_key`.
 
     ``provenance`` says how the pair was made, in JSON's types, and ``ndisp`` is an upper bound of the disparities in
     whole pixels. ``encodings`` are the codecs that `Layout.encodings_for` returns.
@@ -126,11 +123,11 @@ def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: E
 
 
 def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tuple[str, str]]:
-    """Yield the role of each value that does not have the dataset's size, and a message about it.
+    """Yield the role of each value with a wrong size, and a message about it.
 
     ``values`` are a pair's decoded files by role. ``size`` is the height and width of the dataset's images, and of the
-    camera that calibration and provenance describe. A raw image has the size of the sensor in the provenance's
-    ``lens``; a ``lens`` that is no object, or has none for an eye, is a fault too.
+    camera in calibration and provenance. Raw images must have the size of the sensor in the provenance's ``lens``. A
+    ``lens`` that is not an object of objects is a fault too.
     """
     lens = values.get("provenance", {}).get("lens") or {}
     if not isinstance(lens, dict) or not all(isinstance(lens.get(eye, {}), dict) for eye in EYES):
@@ -160,11 +157,10 @@ def _height_and_width(camera: Mapping[Any, Any]) -> tuple[Any, Any]:
 
 
 def assemble_frame(key: PairKey, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
-    """Assemble a pair from its decoded files.
+    """Assemble a pair from its decoded files, in which `wrong_sizes` has found no fault.
 
     ``values`` are what `decode_file` returns, by role: at least both images, the left disparity and the provenance.
-    `wrong_sizes` finds no fault in them. Raises ReadError where the provenance has no camera, or the truth of visible
-    points differs from the truth of all points.
+    Raises ReadError if the provenance has no camera, or the truth of visible points differs from that of all points.
     """
     path = Path(key.name)
     arrays = {role: value for role, value in values.items() if role in ROLES}
@@ -178,7 +174,7 @@ def assemble_frame(key: PairKey, values: Mapping[str, Any], encodings: Encodings
             arrays[mask] = restore_outside(arrays[mask], arrays[role], eye)
     calibration, provenance = values.get("calibration"), values["provenance"]
     try:
-        # The calibration of a deviating pair describes its rectified twin.
+        # The calibration of a deviating pair describes rectified cameras.
         deviates = "deviation" in provenance.get("camera", ())
         camera = calibration.camera if calibration and not deviates else StereoCamera.from_values(provenance["camera"])
     except (KeyError, TypeError, InputError) as error:
@@ -189,16 +185,16 @@ def assemble_frame(key: PairKey, values: Mapping[str, Any], encodings: Encodings
 
 
 def _with_outside(frame: Frame, eye: Eye) -> ViewArrays:
-    """Return a view whose mask marks points above and below the other image as outside; see `restore_outside`."""
+    """Return a view whose mask is 0 also for points above and below the other image; see `restore_outside`."""
     view = frame.view(eye)
     if frame.camera.rectified or not view.keys() >= {"disparity", "visibility"}:
         return view
-    way = view["correspondence"] if "correspondence" in view else frame.correspondences(eye).astype(np.float32)
-    return view.with_channels({"visibility": restore_outside(view["visibility"], way, eye)})
+    vectors = view["correspondence"] if "correspondence" in view else frame.correspondences(eye).astype(np.float32)
+    return view.with_channels({"visibility": restore_outside(view["visibility"], vectors, eye)})
 
 
 def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple[Frame, dict[str, int]]:
-    """Make values that a codec cannot store invalid, and count their pixels in each view that has the channel."""
+    """Make values that a codec cannot store invalid, and count them in each view that has the channel."""
     affected = {channel.name, channel.mask, "disparity_change" if channel.name == "disparity" else None}
     views, counts = {eye: frame.view(eye) for eye in EYES}, {}
     for eye, view in views.items():

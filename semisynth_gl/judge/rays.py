@@ -64,7 +64,7 @@ class _Rays:
         """Compare a view's arrays with rays through R pixels, and record the largest errors of pixels that agree."""
         view = self.frame.view(self.eye)
         x, y = column.astype(np.float64), row.astype(np.float64)
-        rays, border = self.cast(x, y), self.frame.left_out(self.eye)[row, column]
+        rays, border = self.cast(x, y), self.frame.cut_border(self.eye)[row, column]
         stored = {name: view[name][row, column].reshape(len(x), -1).astype(np.float64) for name in rays if name in view}
         bounds = {name: self.bounds(name, values) for name, values in stored.items()}
         wrong = {}

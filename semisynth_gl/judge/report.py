@@ -148,7 +148,7 @@ def _measure(
 
 def _facts(dataset: Dataset, target: Histogram, achieved: Histogram | None) -> dict[str, str]:
     """Return facts by name: how a dataset was made, and how far its disparities are from the target."""
-    plan, made = dataset.about.plan, dataset.about.made
+    plan, made = dataset.about.plan, dataset.about.finished_index
     codecs = f"images {plan.encodings.image.name}, disparities {plan.encodings.disparity.name}"
     facts = {
         "program": f"{plan.program} {plan.version}",

@@ -66,7 +66,7 @@ def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: V
         verdict.add_pixels("disparity", eye, "is below that of infinity", finite & (disparity < least_px))
     too_large = finite & (disparity > largest_px * (1 + _TEXT_SHARE) + error_px)
     verdict.add_pixels("disparity", eye, f"is above {largest_px} px", too_large)
-    left_out = frame.left_out(eye)
+    left_out = frame.cut_border(eye)
     verdict.add_pixels("disparity", eye, "is known in a border", finite & left_out)
     sky_has_one = frame.encodings.signed or (camera.doffs_px < 0 and camera.rectified)
     sky = np.zeros_like(finite) if sky_has_one else frame.sky(eye)
@@ -127,7 +127,7 @@ def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         expected = camera.correspondence(eye, column, row, depth)[..., 0] * (-1 if eye == "left" else 1)
         bound = _DEPTH_SHARE * (np.abs(expected) + 2 * abs(camera.doffs_px)) + rounding_px
         bound += 0.0 if camera.rectified else _VECTOR_PX
-        encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.left_out(eye)
+        encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.cut_border(eye)
         missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
         wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
         verdict.add_pixels("depth", eye, "is not that of the disparity", wrong)

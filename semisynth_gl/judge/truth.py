@@ -18,7 +18,7 @@ from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
 from semisynth_gl.dataset.documents import INDEX, PLAN
 from semisynth_gl.dataset.reader import Dataset, open_dataset
-from semisynth_gl.dataset.root import path_of, read_whole
+from semisynth_gl.dataset.root import read_whole, shown_path
 from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, counted, cut
 from semisynth_gl.inputs.user_files import expanded
@@ -139,7 +139,7 @@ def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
         scene, path = plan.key(split, number).name, plan.files(split, number)["disparity_left"]
         name = scene if only_split or len(plan.pairs) == 1 else f"{split}/{scene}"
         keys = [f"{split}/{scene}", scene, *_keys(PurePosixPath(path))]
-        pairs.append(TruePair(name, str(path_of(root, path)), keys, partial(_read_pair, dataset, place)))
+        pairs.append(TruePair(name, str(shown_path(root, path)), keys, partial(_read_pair, dataset, place)))
     codec = plan.encodings.disparity
     png_scale = codec.steps if isinstance(codec, DisparityPng16) else KITTI_DISPARITY.steps
     return TrueSet(pairs, _PROTOCOLS.get(plan.layout_name, "middlebury"), png_scale)
@@ -150,7 +150,7 @@ def _read_pair(dataset: Dataset, place: int) -> Truth:
     visibility = left.get("visibility")
     # A frame has no array for KITTI's map of objects.
     name = index.plan.files(*dataset.pair(place)).get("objects")
-    objects = None if name is None else GREY8.decode(read_whole(index.root, name), path_of(index.root, name))
+    objects = None if name is None else GREY8.decode(read_whole(index.root, name), shown_path(index.root, name))
     visible = None if visibility is None else visibility == VISIBLE
     ndisp = max(1, ceil(index.plan.config.disparity.max_px))
     return Truth(left.disparity, visible, objects, ndisp, signed=index.plan.encodings.signed)

@@ -84,7 +84,7 @@ def verify(
     """
     pixels, listener = to_whole("pixels", pixels, least=1), listener or Listener()
     index = read_index(dataset)
-    made = index.made
+    made = index.finished_index
     if made is None:
         raise InputError(f"{index.address}: {index.fault}")
     rayed, scenes, no_rays = _scenes_for_rays(index, made, rays)

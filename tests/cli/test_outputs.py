@@ -10,7 +10,7 @@ from processes import assert_refused
 from tiny_datasets import cheap
 
 from semisynth_gl.codecs.pfm import PFM
-from semisynth_gl.dataset.generate import check_apart, generate
+from semisynth_gl.dataset.generate import check_outside_sources, generate
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import InputError
 
@@ -79,7 +79,7 @@ def test_a_dataset_lies_apart_from_its_photographs_and_models(home, tmp_path, mo
     else:
         config = cheap(textures={"source": "images", "images": [source]})
     with nullcontext() if apart else pytest.raises(InputError, match=out):
-        check_apart(open_root(out), config)
+        check_outside_sources(open_root(out), config)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from semisynth_gl.dataset import make
 from semisynth_gl.dataset.cluster import RayEngine
 from semisynth_gl.dataset.engines import LocalEngine
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.make import DatasetJob, ShardMaker, in_order
+from semisynth_gl.dataset.make import DatasetJob, ShardMaker, encoded_in_order
 from semisynth_gl.inputs.errors import InputError
 
 LAYOUTS = ("middlebury", "webdataset")
@@ -247,9 +247,9 @@ def test_pairs_are_encoded_while_others_are_rendered_and_come_in_order():
         assert rendered[min(number + 1, len(rendered) - 1)].wait(PATIENCE_S)
         return number, threading.current_thread() is threading.main_thread()
 
-    assert list(in_order(render(), encode, in_thread=True)) == [(number, False) for number in range(8)]
+    assert list(encoded_in_order(render(), encode, in_thread=True)) == [(number, False) for number in range(8)]
     here = threading.current_thread()
-    assert list(in_order(range(3), lambda _: threading.current_thread() is here, in_thread=False)) == [True] * 3
+    assert list(encoded_in_order(range(3), lambda _: threading.current_thread() is here, in_thread=False)) == [True] * 3
 
 
 def test_other_photographs_or_models_in_a_worker_are_refused(config, tmp_path):

@@ -33,7 +33,7 @@ def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
     [
         ("kitti", ["files.disparity=png16"], "sets the encodings itself.*another layout"),
         ("kitti", ["outputs=[correspondence]"], "no files for the output correspondence.*another layout"),
-        ("kitti", ["disparity.signed=true"], "stores .*no signed ones.*another layout"),
+        ("kitti", ["disparity.signed=true"], "stores .*cannot be signed.*another layout"),
         ("crestereo", ["disparity.signed=true"], "stores .*another layout"),
         ("sceneflow", ["outputs=[correspondence]"], "correspondence.*such as middlebury"),
         ("kitti", ["outputs=[flow]", "sequence.length=91"], r"sequence\.length.*another layout"),
