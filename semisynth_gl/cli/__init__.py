@@ -11,7 +11,7 @@ import click
 
 from semisynth_gl.inputs.errors import SemisynthError
 
-# The exit code of wrong input, and of a run that was stopped or ran out of disk space: the same command resumes it.
+# Exit code of wrong input, and of a run that was stopped or filled the disk: the same command resumes it.
 _REFUSED = 2
 
 _COMMANDS = ("bench", "calibrate", "configs", "doctor", "evaluate", "generate", "preview", "report", "verify")
@@ -45,7 +45,7 @@ def main() -> NoReturn:
     # The library's log messages announce work that takes seconds.
     logging.basicConfig(format="%(message)s", force=True)
     logging.getLogger("semisynth_gl").setLevel(logging.INFO)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a scheduler's way to stop a run, as Ctrl-C is a user's
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # from a scheduler: the same as Ctrl-C
     sys.exit(_run())
 
 
@@ -56,16 +56,16 @@ def _run() -> int:
     except click.ClickException as error:
         error.show()
         return error.exit_code
-    except (click.Abort, KeyboardInterrupt):  # click makes one of the other
-        click.echo("Stopped. Complete files and shards stay on disk; the same command goes on.", err=True)
+    except (click.Abort, KeyboardInterrupt):  # click turns the second into the first
+        click.echo("Stopped. Complete files and shards stay on disk; the same command continues.", err=True)
         return _REFUSED
     except MemoryError:
         text = "the memory is full. Use fewer --workers, smaller images or patches, or fewer models and particles."
     except SemisynthError as error:
         text = str(error)
     except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
+        file = f"{error.filename}: " if error.filename else ""
         advice = " Free some space, or choose another folder with --out." if error.errno == errno.ENOSPC else ""
-        text = f"{place}{error.strerror or error}.{advice}"
+        text = f"{file}{error.strerror or error}.{advice}"
     click.echo(f"Error: {text}", err=True)
     return _REFUSED

@@ -1,4 +1,4 @@
-"""``semisynth-gl bench``: measures accuracy and speed on this machine."""
+"""``semisynth-gl bench``."""
 
 import sys
 from collections.abc import Callable
@@ -31,13 +31,13 @@ def bench() -> None:
 
 
 def _bench_options(config: str) -> Callable[[Callback], Callback]:
-    """Return a decorator for the options that both commands share, with a default config."""
+    """Return a decorator that adds the options of both commands; ``config`` is the default config."""
     return options(
         option("--config", "config_name", default=config, help="A packaged config or a YAML file."),
-        set_option(),
-        option("--seed", type=SEED, default=0, help="Seed of the scenes; another seed makes other scenes."),
-        backend_option(),
-        option("--json", "json_file", type=OutputFileType(), help="Also write the full report to this JSON file."),
+        set_option,
+        option("--seed", type=SEED, default=0, help="Seed of the scenes; each seed makes different scenes."),
+        backend_option,
+        option("--json", "json_file", type=OutputFileType(), help="JSON file for the full report."),
     )
 
 
@@ -61,7 +61,7 @@ def accuracy(**options: Any) -> None:  # noqa: ANN401 - click's
 
 @bench.command(cls=Command)
 @_bench_options("middlebury")
-@option("--pairs", type=COUNT, default=8, help="Pairs timed with each number of workers; at least 4 for each worker.")
+@option("--pairs", type=COUNT, default=8, help="Pairs to time with each number of workers; at least 4 for each worker.")
 @option(
     "--workers",
     type=click.IntRange(1, MOST_WORKERS),

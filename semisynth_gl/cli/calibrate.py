@@ -9,14 +9,7 @@ import click
 
 from semisynth_gl.calibration.calibrate import calibrate as calibrate_rig
 from semisynth_gl.calibration.finder import UNITS
-from semisynth_gl.cli.options import (
-    NATURAL,
-    Command,
-    images_option,
-    map_options,
-    option,
-    split,
-)
+from semisynth_gl.cli.options import NATURAL, Command, images_option, map_options, option, split
 from semisynth_gl.cli.outputs import OutputFileType
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import InputError
@@ -53,51 +46,51 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     "--calib-keys",
     callback=_calib_keys,
     metavar="K1=NAME,...",
-    help="Which value in --calib is which, where the names there do not tell: K1=left.camera_matrix,D1=left.dist,... "
-    "for K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size.",
+    help="Names of values in --calib that are not recognised: K1=left.camera_matrix,D1=left.dist,... for K1, D1, R1, "
+    "P1, K2, D2, R2, P2, R, T, Q and size.",
 )
 @option(
     "--pair",
     "cameras",
     callback=split(click.STRING),
     metavar="LEFT,RIGHT",
-    help="The left and the right camera in a calibration of more than two, such as cam1,cam2.",
+    help="The left and the right camera, such as cam1,cam2, if the calibration has more than two.",
 )
-@option("--focal-px", type=float, help="Focal length in pixels; with --baseline-m and --size, instead of --calib.")
+@option("--focal-px", type=float, help="Focal length in pixels; needs --baseline-m and --size, and replaces --calib.")
 @option("--baseline-m", type=float, help="Distance between the cameras in metres; see --focal-px.")
 @option(
     "--size",
     callback=_size,
     metavar="WIDTHxHEIGHT",
-    help="Size of the images, such as 1280x720, where the calibration does not; by default the photographs' size.",
+    help="Size of the images, such as 1280x720, if --calib lacks it; by default the photographs' size.",
 )
-@option("--scale", type=float, help="Size of the images relative to the calibrated size; 0.25 for quarter size.")
+@option("--scale", type=float, help="Size of the images relative to the calibrated size, such as 0.25.")
 @option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in --calib; by default the likeliest.")
 @option(
     "--alpha",
     type=float,
-    help="stereoRectify's alpha, for a calibration that lacks P1 and P2: 0 leaves no borders, 1 keeps as much of the "
-    "raw images as possible; by default stereoRectify's, with a view of at most 100 degrees for a fisheye.",
+    help="alpha of stereoRectify, for a calibration without P1 and P2: 0 crops all borders, 1 keeps all raw pixels. "
+    "By default stereoRectify chooses, and a fisheye's view is limited to 100 degrees.",
 )
 @map_options
-@option("--range-px", type=(float, float), help="Smallest and largest disparity in pixels, without --disparity.")
-@option("--range-m", type=(float, float), help="Smallest and largest distance in metres, without --range-px.")
-@option("--other-camera", is_flag=True, help="The photographs are from another camera, and may have any size.")
+@option("--range-px", type=(float, float), help="Smallest and largest disparity in pixels, if there is no --disparity.")
+@option("--range-m", type=(float, float), help="Smallest and largest distance in metres, instead of --range-px.")
+@option("--other-camera", is_flag=True, help="The photographs are from a different camera, and may have any size.")
 @option(
     "--trials",
     type=NATURAL,
     default=6,
-    help="Pairs to render and measure for each recipe, with each of two texture scales. With 0, which needs no "
-    "OpenGL, all recipes get the same weight, and textures are as in the packaged configs.",
+    help="Pairs to render and measure for each recipe and each of two texture scales. 0 needs no OpenGL: all recipes "
+    "get the same weight, and textures are as in the packaged configs.",
 )
 @option("--out", type=OutputFileType(".yaml", ".yml"), required=True, help="YAML file to write.")
-@option("--overwrite", is_flag=True, help="Overwrite an existing --out: your changes in it are lost.")
+@option("--overwrite", is_flag=True, help="Overwrite an existing --out, with your changes in it.")
 def calibrate(
     out: Path,
     overwrite: bool,
     **others: Any,  # noqa: ANN401 - arguments of the function that calibrates
 ) -> None:
-    """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
+    """Write a config for a rig: its camera, its range of disparities, and the photographs to cut patches from."""
     if out.is_file() and not overwrite:
         raise InputError(f"--out {out}: exists already; choose another name, or replace it with --overwrite")
     with Progress() as progress:

@@ -15,7 +15,7 @@ from semisynth_gl.render.backends import Backend
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
 _LARGEST_ERROR_PX = 1e-3
-# Exists where the kernel has an NVIDIA GPU.
+# Exists if the kernel has an NVIDIA GPU.
 _NVIDIA_CONTROL = Path("/dev/nvidiactl")
 
 
@@ -51,7 +51,7 @@ def doctor() -> None:
 
 
 def _try(backend: Backend) -> bool:
-    """Show a backend and render its test pair; return whether the backend works and the pair's disparity is exact."""
+    """Print a backend's facts and render a test pair; return whether that works and the disparity is exact."""
     from semisynth_gl.bench.plane import plane_error_px  # noqa: PLC0415
     from semisynth_gl.render.context import context_facts  # noqa: PLC0415
 
@@ -71,7 +71,7 @@ def _try(backend: Backend) -> bool:
 
 
 def _opencv_version() -> str:
-    # Several packages bring it, by other names.
+    # Several packages provide OpenCV, so ask the module.
     try:
         return str(open_opencv("the section lens").__version__)
     except InputError:

@@ -17,7 +17,7 @@ from semisynth_gl.judge.protocol import PROTOCOL_NAMES
 from semisynth_gl.seeds.splits import SPLITS
 
 _PATH = click.Path(path_type=Path)
-# Most pairs with a row in a table.
+# Maximum number of pairs in a table.
 _WORST = 10
 
 
@@ -33,16 +33,16 @@ _WORST = 10
     "--pred-right",
     "predictions_right",
     type=_PATH,
-    help="Folder of predictions for the right views, to measure without truth how far they confirm --pred.",
+    help="Folder of predictions for the right views: without --gt, count the pixels of --pred that they confirm.",
 )
 @option(
     "--protocol",
     type=click.Choice(PROTOCOL_NAMES),
-    help="Benchmark whose definitions to use; by default, the benchmark in whose format --gt is.",
+    help="Benchmark whose definitions to use; by default the one whose format --gt has.",
 )
 @option("--split", type=click.Choice(SPLITS), help="Evaluate only this split of --gt.")
-@option("--json", "json_file", type=OutputFileType(), help="Also write the figures of every pair to this JSON file.")
-@option("--maps", type=_PATH, help="Also write an error map of each pair into this folder.")
+@option("--json", "json_file", type=OutputFileType(), help="JSON file for the figures of every pair.")
+@option("--maps", type=_PATH, help="Folder for an error map of each pair.")
 def evaluate(
     predictions: Path,
     truth: str | None,
@@ -52,9 +52,9 @@ def evaluate(
 ) -> None:
     """Compare predicted disparities with the truth, as a benchmark does.
 
-    Prints the figures over all pairs, and of each pair or, where there are many, of the worst pairs.
+    Prints figures of all pairs together, and of each pair or, if there are many, of the worst pairs.
 
-    Predictions are .pfm, .npy or 16-bit .png files with the pair's name or the name of the truth's file.
+    Predictions are .pfm, .npy or 16-bit .png files, named as the pair or as the truth's file.
     """
     if predictions_right is not None and not (truth or any(options.values())):
         report = evaluate_views(predictions, predictions_right)
@@ -70,13 +70,13 @@ def evaluate(
             ]
             lines += ["", f"{region} pixels; shares in {report['unit']}, errors in px", *_table(figures, mean, "bad-2")]
     else:
-        raise click.UsageError("give --gt, the truth, or --pred-right, with which only --json goes")
+        raise click.UsageError("give either --gt or --pred-right; with --pred-right, only --json is allowed")
     write_json(json_file, report)
     click.echo("\n".join([f"{counted(report['pairs'], 'pair')} {head}", *lines]))
 
 
 def _table(pairs: list[tuple[str, Mapping[str, Any]]], mean: Mapping[str, Any], by: str) -> list[str]:
-    """Return a row for each of the pairs that are worst by one of the mean's figures, and one for the mean."""
+    """Return a row for each of the worst pairs by the figure ``by``, and a row for the mean."""
     pairs.sort(key=lambda pair: -math.inf if pair[1][by] is None else -pair[1][by])
     rows = [["", *mean]]
     for name, figures in (*pairs[:_WORST], ("all pairs", mean)):

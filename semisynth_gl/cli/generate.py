@@ -6,16 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semisynth_gl.cli.options import (
-    COUNT,
-    MOST_WORKERS,
-    NATURAL,
-    Command,
-    option,
-    scene_config,
-    scene_options,
-    split,
-)
+from semisynth_gl.cli.options import COUNT, MOST_WORKERS, NATURAL, Command, option, scene_config, scene_options, split
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.frame.channels import OUTPUTS
@@ -25,7 +16,7 @@ from semisynth_gl.seeds.splits import SplitName
 if TYPE_CHECKING:
     from semisynth_gl.dataset.engines import Engine
 
-# A worker takes about as long to start as to make a few pairs.
+# Starting a worker takes as long as making a few pairs.
 _PAIRS_PER_WORKER = 8
 
 
@@ -42,7 +33,7 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
 @option(
     "--out",
     metavar="DIR_OR_ADDRESS",
-    help="Folder to write to, or an address such as s3://bucket/name.  [default: out/ and the config's name]",
+    help="Folder to write to, or an address such as s3://bucket/name.  [default: out/CONFIG_NAME]",
 )
 @option(
     "--layout",
@@ -56,41 +47,45 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
     metavar="a,b",
     help=f"Files besides images and disparities: {', '.join(OUTPUTS)}; or none.  [default: the config's]",
 )
-@option("--pairs", type=NATURAL, default=24, help="How many training pairs to make.")
-@option("--validation", type=NATURAL, default=0, help="Validation pairs to add; they share no photograph with others.")
-@option("--test", type=NATURAL, default=0, help="Test pairs to add; they share no photograph with others.")
+@option("--pairs", type=NATURAL, default=24, help="Number of training pairs.")
+@option(
+    "--validation", type=NATURAL, default=0, help="Number of validation pairs; their photographs are in no other split."
+)
+@option("--test", type=NATURAL, default=0, help="Number of test pairs; their photographs are in no other split.")
 @option(
     "--engine",
     type=click.Choice(("serial", "local", "ray")),
     help="Where to make the shards: in this process, in processes of this machine, or on the Ray cluster of "
-    "$RAY_ADDRESS, else a local one.  [default: local where there is work for several workers, else serial]",
+    "$RAY_ADDRESS, else a local one.  [default: local if there is work for several workers, else serial]",
 )
 @option(
     "--workers",
     type=click.IntRange(min=1, max=MOST_WORKERS),
-    help="Processes of the engine local; their number does not change the files.  [default: one for each core, "
-    f"and at most one for {_PAIRS_PER_WORKER} pairs]",
+    help="Number of processes of the engine local; it does not change the files.  [default: one for each core, but "
+    f"at most one for every {_PAIRS_PER_WORKER} pairs]",
 )
 @option(
     "--gpus",
     callback=split(click.IntRange(min=0, max=9999)),
     metavar="A,B",
-    help="CUDA's numbers of the GPUs, which are given to workers in turn.",
+    help="CUDA's numbers of the GPUs; they are assigned to workers in turn.",
 )
 @option(
     "--gpu-share",
     type=click.FloatRange(min=0, max=MOST_WORKERS),
     default=0.0,
-    help="GPUs for each Ray task; a fraction lets several tasks share a GPU.",
+    help="Number of GPUs for each Ray task; with a fraction, several tasks share a GPU.",
 )
-@option("--shard-pairs", type=COUNT, help="Pairs in a shard.  [default: 64, or fewer in a small dataset]")
+@option("--shard-pairs", type=COUNT, help="Number of pairs in a shard.  [default: 64, or fewer in a small dataset]")
 @option(
     "--shards",
     callback=_range,
     metavar="A-B",
     help="Make only these shards, counted from 0, to share the work among machines.",
 )
-@option("--overwrite", is_flag=True, help="Replace the dataset in the --out folder, with all that is in its folders.")
+@option(
+    "--overwrite", is_flag=True, help="Replace the dataset in the --out folder, and all files in the dataset's folders."
+)
 def generate(
     config_name: str,
     images: tuple[str, ...],
@@ -109,11 +104,11 @@ def generate(
 ) -> None:
     """Write a dataset: left, right, both disparities, masks and calibration of each pair.
 
-    If a run was stopped or killed, the same command makes only the missing shards. With more --pairs, the dataset
-    grows. Ctrl-C stops it; complete shards stay.
+    Ctrl-C stops the run; complete shards stay. After that, or if the run was killed, the same command makes only the
+    missing shards. With more --pairs, the dataset grows.
 
-    The layout decides which loaders can read the files; docs/output.md lists all layouts. Outputs add files; flow
-    outputs need sequences, which the config's section sequence makes. The config's section files chooses encodings.
+    The layout decides which loaders can read the files; docs/output.md lists all layouts. Outputs of flow need
+    sequences: see sequence in the config. Encodings are set in the config's section files.
     """
     # Imported here: help and completion need no renderer.
     from semisynth_gl.dataset.generate import generate as generate_dataset  # noqa: PLC0415
@@ -127,7 +122,7 @@ def generate(
             out if out is not None else f"out/{config.name}",
             counts,
             engine=_open_engine(engine, workers, gpus, gpu_share, sum(counts.values())),
-            # Ray shows each task its GPU as number 0.
+            # In each Ray task, its GPU has the number 0.
             gpus=gpus or ((0,) if gpu_share else ()),
             listener=progress,
             **options,
@@ -135,7 +130,8 @@ def generate(
     if result.missing:
         shards = counted(len(result.plan.shards), "shard")
         click.echo(
-            f"{result.missing} of {shards} still missing. The run that makes the last one ends the dataset.", err=True
+            f"{result.missing} of {shards} still missing. The run that makes the last one finishes the dataset.",
+            err=True,
         )
         click.echo(f"the requested shards are in {result.root}")
         return
@@ -146,18 +142,18 @@ def generate(
 def _open_engine(
     name: str | None, workers: int | None, gpus: tuple[int, ...] | None, gpu_share: float, pairs: int
 ) -> "Engine":
-    """Return the engine that makes a number of pairs in all; refuse options that it does not take."""
+    """Return the engine for a total number of pairs; refuse options of other engines."""
     # Imported here: help and completion need no renderer.
     from semisynth_gl.dataset.cluster import RayEngine  # noqa: PLC0415
     from semisynth_gl.dataset.engines import LocalEngine, SerialEngine, cores  # noqa: PLC0415
 
     if name == "ray":
         if workers is not None or gpus:
-            raise InputError("--workers and --gpus are for --engine local; Ray takes --gpu-share")
+            raise InputError("--workers and --gpus are for --engine local; for ray, use --gpu-share")
         return RayEngine(gpus=gpu_share)
     if gpu_share:
         raise InputError("--gpu-share is for --engine ray")
     count = workers or max(1, min(cores(), pairs // _PAIRS_PER_WORKER))
     if name == "serial" and (workers or 1) > 1:
-        raise InputError("--workers is for --engine local, and not for serial")
+        raise InputError("--workers is for --engine local, not for serial")
     return SerialEngine() if name == "serial" or (name is None and count == 1) else LocalEngine(count)

@@ -17,7 +17,7 @@ option = partial(click.option, show_default=True)
 
 
 def options(*decorators: Callable[[Callback], Callback]) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds several options to a command, which lists them in this order."""
+    """Return a decorator that adds options to a command, whose help lists them in this order."""
     return lambda command: reduce(lambda below, decorate: decorate(below), reversed(decorators), command)
 
 
@@ -25,7 +25,7 @@ _MOST = 10_000_000
 NATURAL = click.IntRange(min=0, max=_MOST)
 COUNT = click.IntRange(min=1, max=_MOST)
 MOST_WORKERS = 1024
-# JSON readers in other languages take whole numbers of at most 64 bits.
+# JSON readers in other languages may read whole numbers as 64 bits.
 SEED = click.IntRange(min=0, max=(1 << 63) - 1)
 
 
@@ -43,7 +43,7 @@ class Command(click.Command):
 
 
 def split(item: Any) -> Callable[..., tuple[Any, ...] | None]:  # noqa: ANN401 - a type of click's
-    """Return the callback of an option that takes values of a type, separated by commas; it returns a tuple."""
+    """Return a callback that converts an option's text, values separated by commas, to a tuple of a type."""
 
     def convert(ctx: click.Context, param: click.Parameter, text: str | None) -> tuple[Any, ...] | None:
         return None if text is None else tuple(item.convert(each.strip(), param, ctx) for each in text.split(","))
@@ -59,8 +59,7 @@ images_option = partial(
     help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
 )
 
-set_option = partial(
-    option,
+set_option = option(
     "--set",
     "settings",
     multiple=True,
@@ -68,8 +67,7 @@ set_option = partial(
     help="Override a key of the config, for example camera.width_px=640. May be repeated.",
 )
 
-backend_option = partial(
-    option,
+backend_option = option(
     "--backend",
     type=click.Choice(BACKENDS),
     default="auto",
@@ -82,14 +80,14 @@ map_options = options(
         "--disparity",
         multiple=True,
         metavar="PATH_OR_GLOB",
-        help="Disparity maps of the place, true or predicted: .pfm, .npy, 16-bit .png. Of a map that is not as wide as "
-        "the images, disparities are scaled by the ratio of the widths. May be repeated.",
+        help="Disparity maps of the place, true or predicted: .pfm, .npy, 16-bit .png. If a map is not as wide as the "
+        "images, its disparities are scaled by the ratio of the widths. May be repeated.",
     ),
     option(
         "--png-scale",
         type=click.FloatRange(min=0, min_open=True, max=0xFFFF),
         default=KITTI_DISPARITY.steps,
-        help="Levels of a 16-bit PNG for a disparity of one pixel.",
+        help="Levels per pixel of disparity in a 16-bit PNG.",
     ),
 )
 
@@ -110,9 +108,9 @@ scene_options = options(
         metavar="DIR",
         help="Folder of 3D models to add to the built-in ones and the config's folders. May be repeated.",
     ),
-    option("--seed", type=SEED, default=0, help="Seed of the dataset: another seed makes other pairs."),
-    set_option(),
-    backend_option(),
+    option("--seed", type=SEED, default=0, help="Seed of the dataset; each seed makes different pairs."),
+    set_option,
+    backend_option,
 )
 
 
@@ -121,7 +119,7 @@ def scene_config(
 ) -> Config:
     """Load the config that `scene_options` describe, with further settings."""
     overrides: list[str | tuple[str, Any]] = [*settings, *further]
-    # Passed as values: as YAML text, some file names would be read as numbers or dates.
+    # Pass values: in YAML text, some file names would become numbers or dates.
     if images:
         overrides += [("textures.source", "images"), ("textures.images", list(images))]
     if models:

@@ -9,14 +9,14 @@ import click
 
 
 class OutputFileType(click.Path):
-    """The type of a file to write; its folder has to exist, and its name to have one of the ``endings``, if any."""
+    """The type of a file to write: its folder must exist, and its name must have one of the ``endings``, if any."""
 
     def __init__(self, *endings: str) -> None:
         super().__init__(path_type=Path)
         self._endings = endings
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path, or refuse it before anything is computed."""
+        """Return the path; raises BadParameter if it cannot be written."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if self._endings and path.suffix.lower() not in self._endings:
             self.fail(f"{path}: expected a name that ends in {self._endings[0]}", param, ctx)
@@ -28,7 +28,7 @@ class OutputFileType(click.Path):
 
 
 def write_json(path: Path | None, values: object) -> None:
-    """Write values as JSON, where there is a path."""
+    """Write values as JSON if there is a path."""
     if path is not None:
         path.write_text(f"{json.dumps(values, indent=1)}\n", "utf-8")
 

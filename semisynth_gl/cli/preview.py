@@ -27,12 +27,12 @@ _FEWEST = 4
 @option(
     "--patches",
     is_flag=True,
-    help="Draw the patches that the pairs show instead, count them, and say how many crops were rejected and why.",
+    help="Draw the patches instead of pairs, and count them and the rejected crops, by reason.",
 )
 @option(
     "--pairs",
     type=click.IntRange(min=1, max=64),
-    help=f"How many pairs to show.  [default: {_FEWEST}, or one for each recipe if there are more recipes]",
+    help=f"Number of pairs.  [default: {_FEWEST}, or one for each recipe if there are more recipes]",
 )
 def preview(
     seed: int,
@@ -42,7 +42,7 @@ def preview(
     pairs: int | None,
     **scene: Any,  # noqa: ANN401 - of `scene_config`
 ) -> None:
-    """Draw a contact sheet: pairs, if possible one of each recipe, and their histogram against the config's.
+    """Draw a contact sheet: pairs, if possible one of each recipe, and their disparities against the config's target.
 
     The histogram weights each recipe by its share of the scenes.
     """
@@ -51,7 +51,7 @@ def preview(
             raise InputError("--patches draws no pairs: leave --pairs out")
         _draw_patches(scene_config(**scene).textures, seed, out)
         return
-    # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
+    # Imported here: help and completion need no renderer, and loading matplotlib takes longer than rendering a pair.
     from semisynth_gl.judge.charts import draw_sheet  # noqa: PLC0415
     from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
 
@@ -84,7 +84,7 @@ def preview(
 
 
 def _draw_patches(section: TexturesSection, seed: int, out: Path) -> None:
-    """Draw the patches of a dataset with this seed, and print how many each image gives and how many were rejected."""
+    """Draw the patches of a dataset with this seed, and print how many patches and rejected crops each image has."""
     atlas = prepare_atlas(section, Split(seed))
     report = atlas.report
     kept = counted(report.total("kept"), "patch")

@@ -36,13 +36,13 @@ class Progress(Listener):
         click.echo(text, err=True)
 
     def on_renderer(self, name: str) -> None:
-        """Show the name of a renderer the first time that it comes."""
+        """Show the name of each renderer once."""
         if name not in self._renderers:
             self._renderers.add(name)
             self.on_message(f"rendering with {name}")
 
     def on_total(self, pairs: int) -> None:
-        """Show the bar and start the clock of the rate, which leaves out the time before the first pair."""
+        """Show the bar and start the clock, so that the rate excludes the time before the first pair."""
         self._total = pairs
         self._start = self._shown_at = time.monotonic()
         if sys.stderr.isatty():
@@ -64,7 +64,7 @@ class Progress(Listener):
             )
 
     def track(self, items: Sequence[_Item]) -> Iterator[_Item]:
-        """Yield items, and count each when the next is asked for."""
+        """Yield items, and count each when the next is requested."""
         self.on_total(len(items))
         for item in items:
             yield item

@@ -16,30 +16,30 @@ from semisynth_gl.inputs.errors import counted
 @click.command(cls=Command)
 @click.argument("directory", metavar="DIR_OR_ADDRESS")
 @images_option(
-    help="Photographs of the place that the dataset is made for, to compare it with: a file, folder or glob. May be "
+    help="Photographs of the place where the network will work, to compare them: a file, folder or glob. May be "
     "repeated.",
 )
 @map_options
 @option(
     "--out",
     type=OutputFileType(".html", ".htm"),
-    help="HTML file to write.  [default: the dataset's name and -report.html, in the current folder]",
+    help="HTML file to write.  [default: DATASET_NAME-report.html in the current folder]",
 )
-@option("--json", "json_file", type=OutputFileType(), help="Also write the measures to this JSON file.")
+@option("--json", "json_file", type=OutputFileType(), help="JSON file for the measures.")
 @option(
     "--pairs",
     type=click.IntRange(min=0, max=64),
     default=12,
-    help="How many pairs to show, evenly spread over the dataset; outliers are added to these.",
+    help="Number of pairs to show, evenly spread over the dataset; outliers are added.",
 )
-@option("--sample", type=COUNT, default=200, help="How many pairs to measure, evenly spread over the dataset.")
+@option("--sample", type=COUNT, default=200, help="Number of pairs to measure, evenly spread over the dataset.")
 def report(directory: str, out: Path | None, json_file: Path | None, **options: Any) -> None:  # noqa: ANN401 - of the function that reports
     """Write one HTML page about a dataset: pairs, distributions, outliers, and the settings that made it.
 
-    With --images and --disparity, the page and the terminal also say how far the dataset is from its place, and which
-    keys of the config to change. The page needs no server and no network: it opens from disk in a browser.
+    With --images and --disparity, the page and the terminal also show how the dataset differs from that place, and
+    which keys of the config to change. The page opens from disk in a browser, without server or network.
     """
-    # Imported here: matplotlib takes longer to load than a pair to read.
+    # Imported here: loading matplotlib takes longer than reading a pair.
     from semisynth_gl.judge import comparison  # noqa: PLC0415
     from semisynth_gl.judge.report import report as report_on  # noqa: PLC0415
 

@@ -19,12 +19,12 @@ from semisynth_gl.judge.verify import verify as verify_dataset
 @option(
     "--rays",
     type=NATURAL,
-    help="How many pairs, evenly spread, to compare with float64 rays through their scenes, which are made again.  "
-    f"[default: {RAYED_PAIRS}, or 0 where the scenes cannot be made again]",
+    help="Number of pairs, evenly spread, to compare with float64 rays through their rebuilt scenes.  "
+    f"[default: {RAYED_PAIRS}, or 0 if the scenes cannot be rebuilt]",
 )
 @option("--oracle", is_flag=True, help="Compare all pairs with rays.")
-@option("--pixels", type=COUNT, default=500, help="Rays for each of these pairs.")
-@option("--json", "json_file", type=OutputFileType(), help="Also write findings and measures to this JSON file.")
+@option("--pixels", type=COUNT, default=500, help="Number of rays for each of these pairs.")
+@option("--json", "json_file", type=OutputFileType(), help="JSON file for findings and measures.")
 def verify(directory: str, json_file: Path | None, rays: int | None, pixels: int, *, oracle: bool) -> None:
     """Read a dataset back from its files, as a user's program would, and print its faults.
 
