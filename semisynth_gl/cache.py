@@ -1,9 +1,8 @@
-"""The cache: results that are built once, and kept on disk for later runs.
+"""The cache: results that are built once and kept on disk for later runs.
 
 An entry is an .npz file, named by the SHA-256 of a key. The key holds everything that decides the result: values,
-states of files, the code of the program and of plug-ins, and the installed packages.
-
-Where the cache is switched off, full, damaged or cannot be written to, the result is built again, and the run goes on.
+states of files, the code of the program and of plug-ins, and the installed packages. If the cache is off, full, damaged
+or read-only, the result is built, and the run goes on.
 """
 
 import hashlib
@@ -22,17 +21,17 @@ from numpy.typing import NDArray
 from semisynth_gl.plugins import modules_sha256, plugins_sha256
 
 LIMIT_BYTES = 4_000_000_000
-"""Largest size of all entries together; a full atlas of 256-pixel patches takes 134 MB."""
+"""Maximum size of all entries together; a full atlas of 256-pixel patches takes 134 MB."""
 
 SUFFIX = ".prepared"
-"""Ending of entries: the user may choose a folder that holds .npz files of theirs."""
+"""Ending of entries' names. It is not .npz, since the user may choose a folder that holds other .npz files."""
 
 _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
 
 
 class CacheEntry(NamedTuple):
-    """The content of an entry: values in JSON's types, and arrays of numbers or bool by any name but "values"."""
+    """The content of an entry: values in JSON's types, and arrays of numbers or bool; no array is named "values"."""
 
     values: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
@@ -47,13 +46,13 @@ def cached(
     pack: Callable[[_Result], CacheEntry],
     unpack: Callable[[CacheEntry], _Result],
 ) -> _Result:
-    """Return a result from the cache, or build it and put it into the cache; errors of ``build`` are passed on.
+    """Return a result from the cache, or build it and put it into the cache. Errors of ``build`` are passed on.
 
     Args:
-        kind: the sort of result, with which the entry's name begins.
-        key: returns, in JSON's types, everything that decides the result but code and packages. Where it raises
+        kind: beginning of the entry's name.
+        key: returns everything that decides the result, except code and packages, in JSON's types. If it raises
             OSError, the cache is not used.
-        work: what ``build`` does, such as "making models", logged as INFO before it begins; None where it is quick.
+        work: what ``build`` does, such as "making models", logged as INFO before it begins; None if it is quick.
         build: returns the result.
         pack: turns a result into an entry.
         unpack: turns an entry into a result that equals the built one in every value.
@@ -65,7 +64,7 @@ def cached(
             text = json.dumps([code, _installed_packages(), key()], sort_keys=True)
             path = folder / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()}{SUFFIX}"
     if path is not None:
-        # There may be no entry, or a damaged one, which may fail in any way.
+        # The entry may be missing or damaged. Reading a damaged one may raise anything.
         with suppress(Exception), np.load(path, allow_pickle=False) as file:
             arrays = dict(file)
             return unpack(CacheEntry(json.loads(arrays.pop("values").tobytes()), arrays))
@@ -79,8 +78,8 @@ def cached(
 
 
 def file_states(paths: Iterable[Path]) -> list[tuple[int, int, int]]:
-    """Return size and times (ns) of files, for a key; raises OSError where there is no such file."""
-    # st_ctime, too: two files may swap their names.
+    """Return size and times (ns) of files, for a key; raises OSError if a file is missing."""
+    # If two files swap their names, only st_ctime may change.
     return [(status.st_size, status.st_mtime_ns, status.st_ctime_ns) for status in map(os.stat, paths)]
 
 
@@ -102,7 +101,7 @@ def _write_entry(path: Path, entry: CacheEntry) -> None:
     """Write an entry, then remove the oldest entries beyond `LIMIT_BYTES`."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     content: Any = entry.arrays | {"values": np.frombuffer(json.dumps(entry.values).encode(), np.uint8)}
-    # Under another name until it is whole: other processes may read or write the same entry meanwhile.
+    # Write under a temporary name first: other processes may read or write the same entry.
     partial = path.with_suffix(f".{os.getpid()}{SUFFIX}")
     try:
         with partial.open("wb") as file:

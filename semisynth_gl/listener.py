@@ -1,4 +1,4 @@
-"""Reports of a long function while it runs."""
+"""Progress reports of long functions."""
 
 
 class Listener:
@@ -20,4 +20,4 @@ class Listener:
         """Called when a pair is on disk, or has been measured."""
 
     def on_stage(self, stage: str) -> None:
-        """Called when a stage of a pair has ended, see `PAIR_STAGES`; only renderers with a listener report stages."""
+        """Called when a stage of a pair has ended, see `PAIR_STAGES`; only a renderer with a listener reports them."""

@@ -1,7 +1,7 @@
 """Plug-ins: layouts, texture sources, families of models and scene recipes of other installed packages.
 
-A package has an entry point in the group ``semisynth_gl.plugins``, which refers to a mapping of plug-ins by `Group` and
-name. Each process imports all these packages when it first asks for a plug-in; their own exceptions pass through.
+A package has an entry point in the group ``semisynth_gl.plugins``. It refers to a mapping of plug-ins by `Group` and
+name. Each process imports all these packages when it first needs a plug-in, and does not catch their exceptions.
 """
 
 import hashlib
@@ -13,12 +13,12 @@ from importlib.metadata import Distribution, entry_points
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from typing_extensions import TypedDict  # pydantic takes that of typing only from Python 3.12 on
+from typing_extensions import TypedDict  # before Python 3.12, pydantic rejects typing's
 
 from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
 
 Group = Literal["layouts", "textures", "models", "recipes"]
-"""The sorts of plug-ins."""
+"""The kinds of plug-ins."""
 
 NOUNS: Mapping[Group, str] = {
     "layouts": "layout",
@@ -26,15 +26,15 @@ NOUNS: Mapping[Group, str] = {
     "models": "family of models",
     "recipes": "scene recipe",
 }
-"""The groups, and the noun for a plug-in of each for messages."""
+"""What messages call a plug-in of each group."""
 
 BUILT_IN: Mapping[Group, tuple[str, ...]] = {
     "layouts": ("crestereo", "eth3d", "kitti", "middlebury", "middlebury-2014", "sceneflow", "webdataset"),
     "textures": ("images", "builtin", "photographs", "procedural"),
-    "models": (),  # a config has their weights beside those of plug-ins, not among them
+    "models": (),  # in configs, built-in models have weights under other keys than plug-ins'
     "recipes": (),
 }
-"""The names of the program's own, which no plug-in may have."""
+"""Names of the built-in ones. No plug-in may have these names."""
 
 
 class PluginPackage(TypedDict):
@@ -46,7 +46,7 @@ class PluginPackage(TypedDict):
 
 @dataclass(frozen=True)
 class Plugin:
-    """What an installed package gives under a name; ``module`` is the package's top module."""
+    """A plug-in of an installed package; ``module`` is the package's top module."""
 
     name: str
     value: Any
@@ -56,14 +56,14 @@ class Plugin:
 
 @cache
 def modules_sha256(path: Path) -> str:
-    """Return the SHA-256 of all modules below a folder, or of the module at a path; raises OSError for neither."""
+    """Return the SHA-256 of all modules below a folder, or of one module's file; raises OSError if there is neither."""
     modules = sorted(path.rglob("*.py")) or [path]
     return hashlib.sha256(b"\0".join(module.read_bytes() for module in modules)).hexdigest()
 
 
 @cache
 def installed_plugins() -> Mapping[Group, Mapping[str, Plugin]]:
-    """Import the plug-ins of all installed packages; raises InputError where a name is already taken."""
+    """Import the plug-ins of all installed packages; raises InputError if two have the same name."""
     found: dict[Group, dict[str, Plugin]] = {group: {} for group in NOUNS}
     for entry in entry_points(group="semisynth_gl.plugins"):
         package = cast("Distribution", entry.dist)
@@ -72,15 +72,15 @@ def installed_plugins() -> Mapping[Group, Mapping[str, Plugin]]:
             for name, value in values.items():
                 if name in BUILT_IN[group] or name in found[group]:
                     raise InputError(
-                        f"the {NOUNS[group]} {name!r} of the package {package.name} has the name of another one: "
-                        f"rename it, or pip uninstall {package.name}"
+                        f"the {NOUNS[group]} {name!r} of the package {package.name} has the name of another "
+                        f"{NOUNS[group]}: rename it, or pip uninstall {package.name}"
                     )
                 found[group][name] = Plugin(name, value, record, entry.module.partition(".")[0])
     return found
 
 
 def plugins_sha256() -> list[str]:
-    """Return the SHA-256 of all modules of each plug-in's package; raises OSError where they are not in files."""
+    """Return the SHA-256 of all modules of each plug-in's package; raises OSError if a package has no files."""
     names = {plugin.module for plugins in installed_plugins().values() for plugin in plugins.values()}
     tops = [sys.modules[name] for name in sorted(names)]
     return [modules_sha256(Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)])))) for top in tops]
@@ -98,7 +98,7 @@ def find_plugin(group: Group, name: str) -> Plugin:
 
 
 def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, PluginPackage]]:
-    """Return the records of the plug-ins that a dataset uses, by group and name; raises as `find_plugin` does."""
+    """Return the records of the used plug-ins by group and name; raises as `find_plugin` does."""
     records: dict[str, dict[str, PluginPackage]] = {}
     for group, name in sorted(used, key=lambda each: ([*NOUNS].index(each[0]), each[1])):
         records.setdefault(group, {})[name] = find_plugin(group, name).record
@@ -106,9 +106,9 @@ def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, Plu
 
 
 def require_plugins(where: object, group: Group, records: Mapping[str, PluginPackage]) -> None:
-    """Check that the plug-ins of a dataset's records, of one group, are installed in the recorded versions.
+    """Raise InputError if a plug-in in a group's records is not installed in the recorded version.
 
-    Raises InputError, which begins with ``where`` and names the package, where one is not.
+    The message begins with ``where`` and names the package.
     """
     for name, record in records.items():
         plugin = installed_plugins()[group].get(name)

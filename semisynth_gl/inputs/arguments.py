@@ -12,22 +12,22 @@ from numpy.typing import DTypeLike, NDArray
 from semisynth_gl.inputs.errors import InputError, described, shown
 
 LEAST, MOST = 1e-9, 1e9
-"""Smallest magnitude other than 0, and largest magnitude, of numbers from which images are drawn.
+"""Limits of the magnitudes of numbers from which images are rendered; 0 is allowed too.
 
-Drawing multiplies up to four lengths, focal lengths and inverses of them in float32, which holds 1e-38 to 3e38.
+The renderer multiplies up to four lengths, focal lengths and their inverses in float32, which holds 1e-38 to 3e38.
 """
 
 MOST_PX = 1e6
-"""Largest magnitude of an image coordinate and of a focal length, px: float32 has steps of 1/16 px there."""
+"""Maximum magnitude of an image coordinate and of a focal length, px: float32 has steps of 1/16 px there."""
 
 Interval = tuple[float, float]
 
-OTHER_UNITS = "float32 does not hold what is worked out of it: choose other units"
-"""The end of messages about magnitudes."""
+OTHER_UNITS = "float32 cannot hold the values computed from it: choose other units"
+"""End of messages about magnitudes."""
 
 
 def check_type(name: str, value: object, expected: type | UnionType, hint: str = "") -> None:
-    """Check that an argument is an instance of a class, or of one of several; a message ends with ``hint``."""
+    """Check that an argument is an instance of a class or of one of several; the message ends with ``hint``."""
     if not isinstance(value, expected):
         raise _unfit(name, f"a {getattr(expected, '__name__', expected)}", value, hint)
 
@@ -40,7 +40,7 @@ def check_one_of(name: str, value: object, expected: Iterable[str]) -> None:
 
 
 def to_whole(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
-    """Convert a whole number, Python's or NumPy's, to int; check that it is from ``least`` to ``most``, where given."""
+    """Convert a whole number, Python's or NumPy's, to int; check that it is from ``least`` to ``most``, if given."""
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise _unfit(name, "a whole number", value)
     number = int(value)
@@ -50,7 +50,7 @@ def to_whole(name: str, value: object, least: int | None = None, most: int | Non
 
 
 def to_real(name: str, value: object, least: float = -inf, most: float = inf) -> float:
-    """Convert a finite real number from ``least`` to ``most``, of any type, to Python's.
+    """Convert a finite real number of any type to Python's int or float; check that it is from ``least`` to ``most``.
 
     A NumPy float32 would lower the precision of everything that is computed with it.
     """
@@ -63,10 +63,10 @@ def to_real(name: str, value: object, least: float = -inf, most: float = inf) ->
 
 
 class CheckedFields:
-    """Base of frozen dataclasses whose numbers are converted, and checked by their types.
+    """Base of frozen dataclasses that convert and check their numbers by the annotations.
 
     ``Annotated[int, 0]`` is a whole number of 0 or more, ``Annotated[float, 0, 1]`` a real number from 0 to 1, and
-    ``Annotated[Interval, 0, 1]`` two of these in rising order.
+    ``Annotated[Interval, 0, 1]`` two such numbers in rising order.
     """
 
     __slots__ = ()
@@ -95,7 +95,7 @@ def check_magnitudes(name: str, array: NDArray[Any]) -> None:
 def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
     """Convert a number or anything array-like with rows of equal length to an array of a dtype.
 
-    Strings and objects are refused, and so are numbers that an integer dtype cannot hold exactly.
+    Strings, objects, and numbers that an integer dtype cannot hold exactly are refused.
     """
     hint = ""
     try:

@@ -18,8 +18,8 @@ class InputError(SemisynthError):
     """An input of the user cannot be used: a config, a path, an image, a model, a scene.
 
     Attributes:
-        argument: the argument of the public function that the text is about, which the message then begins with; the
-            command line puts its option there. "" for none.
+        argument: name of the wrong argument of a public function, or "". The message begins with it; the command line
+            replaces it by the option.
     """
 
     def __init__(self, text: str, *, argument: str = "") -> None:
@@ -56,7 +56,7 @@ class ContextLostError(BackendError):
 
 
 class WorkerError(SemisynthError):
-    """A worker process ended before its task."""
+    """A worker process died before its task was done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def described(error: BaseException) -> str:
 
 
 def cut(text: str, most: int = 100) -> str:
-    """Return a text; where it is longer than ``most`` characters, cut it there and add "..."."""
+    """Return a text; if it is longer than ``most`` characters, cut it and add "..."."""
     return text if len(text) <= most else f"{text[:most]}..."
 
 
@@ -99,16 +99,16 @@ def counted(number: int, noun: str) -> str:
 
 
 def near(name: str, known: Iterable[str]) -> list[str]:
-    """Return the known name that a wrong name was most likely meant to be, as a list of one name or none."""
+    """Return a list with the known name that is most like a wrong name; empty if none is similar."""
     return difflib.get_close_matches(name, list(known), 1, 0.7)
 
 
 def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:
-    """Return the question "did you mean ...?" with the names, or ``otherwise`` where there are no names."""
+    """Return the question "did you mean ...?" with the names, or ``otherwise`` if there are no names."""
     listed = " or ".join(names)
     return f"did you mean {listed}?" if listed else otherwise
 
 
 def how_to_install(extra: str) -> str:
-    """Return the command that installs an extra of pyproject.toml; it adds to any installation, also to a checkout."""
+    """Return the command that installs an extra of pyproject.toml; it works for checkouts too."""
     return f"pip install 'semisynth-gl[{extra}]'"

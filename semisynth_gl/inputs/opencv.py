@@ -1,4 +1,4 @@
-"""OpenCV, which some parts need and no default installation has."""
+"""OpenCV, an optional dependency of some parts."""
 
 from importlib import import_module
 from typing import Any
@@ -7,7 +7,7 @@ from semisynth_gl.inputs.errors import InputError, how_to_install
 
 
 def open_opencv(what: str) -> Any:  # noqa: ANN401 - a module without types
-    """Import OpenCV; raises InputError where it is missing. Its message begins with ``what``, which needs OpenCV."""
+    """Import OpenCV; raises InputError if it is missing. The message begins with ``what``, the part that needs it."""
     try:
         return import_module("cv2")
     except ImportError as error:

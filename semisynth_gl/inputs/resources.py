@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def data_root(name: str) -> Traversable:
-    """Return the folder "shaders", "configs" or "assets"; raises FileNotFoundError where it is not in either place."""
+    """Return the folder "shaders", "configs" or "assets"; raises FileNotFoundError if neither place has it."""
     installed = files("semisynth_gl") / name
     if installed.is_dir():
         return installed

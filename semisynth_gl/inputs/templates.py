@@ -8,8 +8,7 @@ from semisynth_gl.inputs.resources import data_root
 def template_environment() -> Environment:
     """Return an environment that finds templates in assets/ by name, and escapes values only in HTML templates.
 
-    Lines with only a tag leave no empty line behind. The filter ``spec`` is Python's `format`. A missing value is an
-    error.
+    A line with only a tag adds no empty line. The filter ``spec`` is Python's `format`. A missing value is an error.
     """
     environment = Environment(
         autoescape=select_autoescape(["html"]),

@@ -1,1 +1,1 @@
-"""Random numbers: a generator for each purpose, splits with their own seeds, and numbers spread evenly."""
+"""Random numbers: a generator for each purpose, splits with their own seeds, and evenly spread numbers."""

@@ -1,4 +1,4 @@
-"""Random generators, one per purpose, so that a further number for one purpose shifts none of another; even spreads."""
+"""Random generators, one per purpose so that purposes do not affect each other, and evenly spread numbers."""
 
 import zlib
 from enum import IntEnum, unique
@@ -6,7 +6,7 @@ from enum import IntEnum, unique
 import numpy as np
 
 LARGEST_NUMBER = 2**53
-"""The largest number of a pair: beyond it, float64 cannot hold every whole number."""
+"""Maximum number of a pair: beyond it, float64 cannot hold every whole number."""
 
 
 @unique
@@ -44,9 +44,9 @@ def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Genera
     Args:
         seed: the seed of the dataset, or of a split, see `Split.seed`.
         purpose: see `Purpose`.
-        keys: tell the streams of a purpose apart: numbers of 0 or more (sequence, generation, ...), or names, which
-            stand for the CRC-32 of their UTF-8 bytes. They go into NumPy's spawn key; as entropy, [1, 2] and [1, 2, 0]
-            would give the same stream.
+        keys: distinguish the streams of a purpose: numbers of 0 or more (sequence, generation, ...), or names, which
+            are replaced by the CRC-32 of their UTF-8 bytes. They form NumPy's spawn key: as entropy, [1, 2] and
+            [1, 2, 0] would give the same stream.
     """
     numbers = (zlib.crc32(key.encode()) if isinstance(key, str) else key for key in keys)
     sequence = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))
@@ -62,5 +62,5 @@ def centres(count: int, parts: int) -> list[int]:
 
 
 def spread(count: int, wanted: int) -> list[int]:
-    """Return ``wanted`` numbers of ``range(count)``, evenly spread and rising, or all where there are no more."""
+    """Return ``wanted`` numbers of ``range(count)``, evenly spread and rising, or all if there are fewer."""
     return centres(count, min(count, wanted))

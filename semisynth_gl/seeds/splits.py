@@ -22,8 +22,7 @@ class Split:
     Attributes:
         dataset_seed: the dataset's seed, the same for all its splits.
         name: name of the split.
-        held_out: shares of the photographs' subjects that ``validation`` and ``test`` take; a split that the dataset
-            does not have is left out.
+        held_out: share of the photographs' subjects for each of ``validation`` and ``test`` that the dataset has.
         models: whether the models are held out by the same shares.
     """
 
@@ -40,12 +39,11 @@ class Split:
         return int(generator(self.dataset_seed, Purpose.SPLIT, SPLITS.index(self.name)).integers(2**63))
 
     def share(self, items: Sequence[Item], what: str, purpose: int, names: Sequence[str] | None = None) -> list[Item]:
-        """Return the items that this split takes, in their order; no two splits take the same item.
+        """Return the items of this split, in their order; no item is in two splits.
 
-        Items are shuffled by the dataset's seed and ``purpose``, the number of their kind, and cut into splits by the
-        shares of ``held_out``. With ``names``, a unique name for each item, a further item moves only items next to a
-        border between splits. Raises InputError, which calls the items ``what``, where they are too few for each split
-        to take one.
+        Items are shuffled by the dataset's seed and ``purpose``, a number for their kind, and cut into splits by the
+        shares of ``held_out``. With unique ``names`` of the items, adding an item moves only items next to a border
+        between splits. Raises InputError if a split would get no item; its message calls the items ``what``.
         """
         counts = {name: max(1, round(share * len(items))) for name, share in self.held_out.items()}
         rest = len(items) - sum(counts.values())
