@@ -26,7 +26,7 @@ FULL_FAMILY = 25
 """Number of the user's models from which on their family has its full weight; fewer have a proportional part of it. It
 lies between the numbers of kinds of the two built-in families."""
 
-# `Split.share`'s purposes for the user's models and for a plug-in's; the two families of kinds have 0 and 1.
+# `Split.select`'s purposes for the user's models and for a plug-in's; the two families of kinds have 0 and 1.
 _USER, _PLUGIN = 2, 3
 _ARRAYS = ("positions", "uv", "triangles")
 
@@ -123,7 +123,7 @@ def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
     seed, numbers = split.seed, list(range(variants))
     if split.models and split.held_out:
         what, names = f"models of the family {name} (models.variants)", [f"{name}/{number}" for number in numbers]
-        seed, numbers = split.dataset_seed, split.share(numbers, what, _PLUGIN, names)
+        seed, numbers = split.dataset_seed, split.select(numbers, what, _PLUGIN, names)
     meshes = [build(generator(seed, Purpose.MODELS, "models", name, number)) for number in numbers]
     return [make_model(f"{name}/{mesh.name}", mesh.positions, mesh.triangles, mesh.uv) for mesh in meshes]
 
@@ -165,13 +165,13 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
     user_weight = section.user * min(1.0, len(user) / FULL_FAMILY)
     held_out = split.models and bool(split.held_out)
     if held_out and user:
-        user = split.share(user, "models of the user's", _USER)
+        user = split.select(user, "models of the user's", _USER)
     weights = kind_weights(section.kinds)
     families = [(user_weight, user, [1.0] * len(user))]
     for purpose, (builders, weight) in enumerate(((SIMPLE_KINDS, section.simple), (COMPLEX_KINDS, section.complex))):
         names = list(builders)
         if held_out:
-            names = split.share(names, "kinds of built-in models", purpose, names)
+            names = split.select(names, "kinds of built-in models", purpose, names)
         variants = [
             (name, number) for name in names if weight * weights[name] > 0 for number in range(section.variants)
         ]

@@ -38,7 +38,7 @@ class Split:
             return self.dataset_seed
         return int(generator(self.dataset_seed, Purpose.SPLIT, SPLITS.index(self.name)).integers(2**63))
 
-    def share(self, items: Sequence[Item], what: str, purpose: int, names: Sequence[str] | None = None) -> list[Item]:
+    def select(self, items: Sequence[Item], what: str, purpose: int, names: Sequence[str] | None = None) -> list[Item]:
         """Return the items of this split, in their order; no item is in two splits.
 
         Items are shuffled by the dataset's seed and ``purpose``, a number for their kind, and cut into splits by the

@@ -24,7 +24,7 @@ from semisynth_gl.textures.subjects import photographed_subjects
 
 # Maximum number of pictures that are kept in memory until large patches are cut from them.
 _REMEMBERED = 256
-# The ``purpose`` with which `Split.share` distributes photographs.
+# The ``purpose`` with which `Split.select` distributes photographs.
 _PHOTOGRAPHS = 0
 # Keys without influence on the patches: all but ``images`` decide how patches are mapped to models. The cache's key has
 # the files in a separate entry.
@@ -108,7 +108,7 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
 
 
 def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: str) -> set[Path]:
-    """Return the photographs of a split, all or none of each subject; see `Split.share`.
+    """Return the photographs of a split, all or none of each subject; see `Split.select`.
 
     Errors call the photographs ``what``, a plural noun.
 
@@ -117,7 +117,7 @@ def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: st
     """
     if sum(map(len, subjects)) > len(subjects):
         what = f"{what} of different subjects"
-    return set(chain.from_iterable(split.share(subjects, what, _PHOTOGRAPHS)))
+    return set(chain.from_iterable(split.select(subjects, what, _PHOTOGRAPHS)))
 
 
 def pack_atlas(atlas: Atlas) -> CacheEntry:

@@ -111,7 +111,7 @@ def test_a_further_kind_moves_only_kinds_at_borders_between_splits() -> None:
         return {
             name: split
             for split in SPLITS
-            for name in Split(3, split, shares, models=True).share(names, "kinds", 1, names)
+            for name in Split(3, split, shares, models=True).select(names, "kinds", 1, names)
         }
 
     names = list(COMPLEX_KINDS)
