@@ -34,7 +34,7 @@ BUILT_IN: Mapping[Group, tuple[str, ...]] = {
     "models": (),  # in configs, built-in models have weights under other keys than plug-ins'
     "recipes": (),
 }
-"""Names of the built-in ones. No plug-in may have these names."""
+"""Names of built-in layouts and texture sources. No plug-in may have these names."""
 
 
 class PluginPackage(TypedDict):

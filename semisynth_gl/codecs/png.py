@@ -57,7 +57,7 @@ class Png(Codec[NDArray[Any]]):
             kind = f"{bits}-bit {_COLOURS.get(colour, f'colour type {colour}')}"
             raise ReadError(path, f"expected {self._bits}-bit {_COLOURS[self._colour]}, got {kind}")
         if self._bits == 16 and self._colour == _RGB:
-            # Pillow keeps only the high byte of each value, or the low byte if told that bytes are swapped.
+            # Pillow keeps only the high byte of each value, or the low byte in the mode for swapped bytes.
             high, low = (decode_image(data, path, "PNG", _END, mode)[1] for mode in ("RGB;16B", "RGB;16L"))
             return np.asarray((high.astype(np.uint16) << np.uint16(8)) | low)
         pixels = decode_image(data, path, "PNG", _END)[1]

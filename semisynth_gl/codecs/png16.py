@@ -15,7 +15,7 @@ _FLOW_STEPS = 64
 
 
 class DisparityPng16(Codec[NDArray[np.float32]]):
-    """Disparity d, (H, W) float32 px, as 16-bit grey PNG of ``steps * d + middle``; 0 stands for inf.
+    """Disparity d, (H, W) float32 px, as 16-bit grey PNG of ``steps * d + middle``; 0 means inf.
 
     With a ``middle`` above 0, disparities may be signed.
     """

@@ -96,7 +96,7 @@ def _make(job: bytes, number: int) -> str | Exception:
             _makers[key] = ShardMaker(cloudpickle.loads(job))
         return _makers[key].make_shard(number, Listener())
     except ContextLostError:
-        os._exit(1)  # Ray makes the shard again in another process
+        os._exit(1)  # Ray makes the shard again in a new process
     except (SemisynthError, OSError) as error:
         return error
     except Exception as error:  # noqa: BLE001 - the driver raises it

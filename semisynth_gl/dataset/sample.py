@@ -196,7 +196,8 @@ def _with_outside(frame: Frame, eye: Eye) -> ViewArrays:
 def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple[Frame, dict[str, int]]:
     """Make values that a codec cannot store invalid, and count them in each view that has the channel."""
     affected = {channel.name, channel.mask, "disparity_change" if channel.name == "disparity" else None}
-    views, counts = {eye: frame.view(eye) for eye in EYES}, {}
+    views = {eye: frame.view(eye) for eye in EYES}
+    counts: dict[str, int] = {}
     for eye, view in views.items():
         if channel.name not in view:
             continue
@@ -207,4 +208,4 @@ def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple
             for name, array in arrays.items():
                 array[exceeding] = CHANNELS[name].nothing
             views[eye] = view.with_channels(arrays)
-    return Frame(frame.camera, views["left"], views["right"]), {str(eye): count for eye, count in counts.items()}
+    return Frame(frame.camera, views["left"], views["right"]), counts

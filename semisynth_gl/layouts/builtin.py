@@ -154,7 +154,7 @@ _KITTI = Layout(
 
 
 # SceneFlow's FlyingThings3D. Training pairs are under TRAIN and test pairs under TEST of one tree; validation pairs
-# are under TEST of another tree. Pair 0 is in A, pair 1 in B, pair 2 in C, pair 3 in A again. A folder holds up to 1000
+# are under TEST of a second tree. Pair 0 is in A, pair 1 in B, pair 2 in C, pair 3 in A. A folder holds up to 1000
 # frames, from 0000 on: loaders sort or list frames, and do not use their numbers. Loaders of flow treat successive
 # images in a folder as successive frames. So in a dataset with flow, each folder is a sequence: sequence 0 is A/0000,
 # sequence 1 is B/0000, and frame k of a sequence is 000k.

@@ -1,8 +1,8 @@
 """From a pinhole image to a rectified one: through lens and sensor, and back by OpenCV's maps.
 
-    drawn image    by a pinhole camera with the rectified view, at least as dense as the sensor
-    raw image      what the sensor sees; imperfections belong here
-    rectified      by ``initUndistortRectifyMap`` and ``remap``, bilinear, as users' programs rectify
+    rendered image  by a pinhole camera with the rectified view, at least as dense as the sensor
+    raw image       what the sensor sees, which gets the imperfections
+    rectified       by ``initUndistortRectifyMap`` and ``remap``, bilinear, as users' programs rectify
 
 Truth does not pass the lens: it is computed at the centre of each rectified pixel.
 """
@@ -111,25 +111,25 @@ class LensChain:
         most = float(largest.max(where=seen, initial=1.0))
         return most if most > _SAME_DENSITY else 1.0
 
-    def raw_image(self, drawn: NDArray[np.uint8], density: float) -> NDArray[np.uint8]:
-        """Return what the sensor sees of a drawn image, (H, W, 3) or (H, W) uint8; the image's border is replicated.
+    def raw_image(self, rendered: NDArray[np.uint8], density: float) -> NDArray[np.uint8]:
+        """Return what the sensor sees of a rendered image, (H, W, 3) or (H, W) uint8, whose border is replicated.
 
-        ``density`` is how much denser than the rectified image the drawn one is.
+        ``density`` is how much denser the rendered image is than the rectified one.
         """
         x, y = self._sensor_maps
         if density != 1:
             x, y = ((each + 0.5) * np.float32(density) - np.float32(0.5) for each in (x, y))
         cv2 = self._cv2
-        seen: NDArray[np.uint8] = cv2.remap(drawn, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        seen: NDArray[np.uint8] = cv2.remap(rendered, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return seen
 
     def within_view(self, raw_image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return a raw image that is black beyond the rectified view; `rectify` returns the same for both."""
-        shown = self.shown
-        return np.where(shown[..., None] if raw_image.ndim == 3 else shown, raw_image, np.uint8(0))
+        used = self.used
+        return np.where(used[..., None] if raw_image.ndim == 3 else used, raw_image, np.uint8(0))
 
     @cached_property
-    def shown(self) -> NDArray[np.bool_]:
+    def used(self) -> NDArray[np.bool_]:
         """The raw pixels that lie in the rectified view, or are read to interpolate it, (H, W) bool."""
         width, height = self.camera.width_px, self.camera.height_px
         columns, rows = self._sensor_maps

@@ -33,7 +33,7 @@ class RigCameras:
 
     def __init__(self, config: Config, seed: int, renderer: Renderer) -> None:
         self._config, self._seed, self._renderer = config, seed, renderer
-        self._chains: dict[Eye, tuple[object, LensChain]] = {}  # the latest of each eye, and its key
+        self._chains: dict[Eye, tuple[object, LensChain]] = {}  # the latest of each eye, after its key
 
     def capture(
         self, frames: Sequence[Frame], sampled: SampledScene, views: Sequence[int]
@@ -90,7 +90,7 @@ class RigCameras:
         if not section.none():
             records["imperfections"] = {}
             for eye in EYES:
-                # The left eye's are the same for all right views.
+                # The left eye's imperfections are the same for all right views.
                 view = 0 if eye == "left" else sampled.view
                 of_eye = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, view)
                 rng = of_eye()

@@ -177,8 +177,8 @@ class PairRenderer:
     def _first_scene(self, sequence: int, crop: Crop | None) -> list[Pair]:
         """Return the pairs of a sequence's first scene in the first attempt that passes the checks; keep the attempt.
 
-        Checks judge the rendered frames and, if lenses or imperfections change them, the captured frames too. These
-        alone would not do: noise hides that a scene is flat.
+        Checks judge the rendered frames and, if lenses or imperfections change them, the captured frames too. Checking
+        only these would miss flat scenes, since noise hides them.
         """
         redrawn: list[str] = []
         views = range(self.config.views)

@@ -330,7 +330,7 @@ def test_both_views_are_judged_by_the_command(program, tmp_path):
         (("gt/a/calib.txt", "gt"), "is a file"),
         (("pred", "empty"), "no true disparities there"),
         (("pred", "gt", "--split", "test"), "has no splits"),
-        (("pred", "gt", "--pred-right", "pred"), "give --gt, the truth, or --pred-right"),
+        (("pred", "gt", "--pred-right", "pred"), "give either --gt or --pred-right"),
     ],
 )
 @pytest.mark.usefixtures("three")

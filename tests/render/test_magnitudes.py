@@ -154,7 +154,7 @@ def test_scenes_of_any_unit_that_float32_holds_are_drawn(scale):
     [
         ({"focal_px": 1e30}, "focal_px: must be from 1e-09 to 1e\\+06, got 1e\\+30"),
         ({"instance_scale": 1e300}, "scene: world_from_model: must be at most"),
-        ({"instance_scale": 1e-30}, "instance 0 is smaller, .*e-30 m: float32 does not hold"),
+        ({"instance_scale": 1e-30}, "instance 0 is smaller, .*e-30 m: float32 cannot hold"),
         ({"depth_m": 9.99e8, "instance_scale": 9e8}, "instance 0 reaches farther from the camera"),
         ({"uv_scale": 1e18}, "scene: uv_scale: must be at most"),
         ({"model_scale": 1e18}, "mesh wall: positions: must be at most"),
