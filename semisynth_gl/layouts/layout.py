@@ -76,8 +76,8 @@ class Layout:
         needs: outputs that every dataset in this layout must have.
         lacks: outputs for which the layout has no files, since none of its loaders could read them.
         encodings: the layout's own encodings; None where the config's section ``files`` chooses them.
-        three_channels: whether grey images get three equal channels, for loaders that fail at one.
-        most_frames: maximum number of frames in a sequence with flow, due to the names; None for no limit.
+        three_channels: whether grey images get three equal channels, for loaders that need three.
+        most_frames: maximum number of frames that names allow in a sequence with flow; None for no limit.
     """
 
     stems: Mapping[str, str]

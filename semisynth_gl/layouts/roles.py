@@ -79,11 +79,10 @@ def mask_from_not_occluded(
 
 
 def restore_outside(mask: NDArray[np.uint8], truth: NDArray[np.float32], eye: Eye) -> NDArray[np.uint8]:
-    """Return a file's mask with a frame's values: OUTSIDE for hidden points beyond the other image's border.
+    """Return a frame's mask from a file's: points that are OCCLUDED in it and outside the other image become OUTSIDE.
 
-    ``truth`` is the disparity or flow of the view ``eye``, (H, W) or (H, W, 2) float32 px, inf where unknown. A point
-    next to the border may differ from the frame's mask, since files round disparities. A 0 in the file
-    stays 0, even where there is truth.
+    ``truth`` is the disparity or flow of the view ``eye``, (H, W) or (H, W, 2) float32 px, inf where unknown. Since
+    files round disparities, the result may differ from the frame's mask at the border. A 0 in the file stays 0.
     """
     height, width = mask.shape
     # Without truth, the point's position is unknown. NaN is neither inside nor outside.
@@ -117,8 +116,8 @@ def _is_outside(position: NDArray[np.float32], length: int) -> NDArray[np.bool_]
 def _stored_mask(truth: Channel[Any], view: ViewArrays) -> NDArray[np.uint8]:
     """Return the mask of a disparity or flow as Middlebury's files have it.
 
-    A pixel is 255 where its point is also visible there, 128 where it is hidden or outside the image, and 0 where there
-    is no truth.
+    A pixel is 255 where its point is visible in the other view or at the other moment, 128 where it is hidden or
+    outside the image there, and 0 without truth.
     """
     # OUTSIDE is 0, so the maximum turns it into OCCLUDED where there is truth.
     stored = _is_known(view[truth.name]).view(np.uint8)
