@@ -83,9 +83,7 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
     metavar="A-B",
     help="Make only these shards, counted from 0, to share the work among machines.",
 )
-@option(
-    "--overwrite", is_flag=True, help="Replace the dataset in the --out folder, and all files in the dataset's folders."
-)
+@option("--overwrite", is_flag=True, help="Replace the dataset in --out, with all files in its folders.")
 def generate(
     config_name: str,
     images: tuple[str, ...],
@@ -107,8 +105,8 @@ def generate(
     Ctrl-C stops the run; complete shards stay. After that, or if the run was killed, the same command makes only the
     missing shards. With more --pairs, the dataset grows.
 
-    The layout decides which loaders can read the files; docs/output.md lists all layouts. Outputs of flow need
-    sequences: see sequence in the config. Encodings are set in the config's section files.
+    The layout decides which loaders can read the files; docs/output.md lists all layouts. In the
+    config, the section "files" chooses encodings, and "sequence" makes the sequences that outputs of flow need.
     """
     # Imported here: help and completion need no renderer.
     from semisynth_gl.dataset.generate import generate as generate_dataset  # noqa: PLC0415
