@@ -130,10 +130,11 @@ def _describe(plan: DatasetPlan, sources: Mapping[SplitName, SceneSources], list
         of_user = max(library.user_count for library in split_sources.libraries)
         yours = f", {of_user} of them yours" if of_user else ""
         listener.on_message(f"{prefix}{counted(len(split_sources.models), 'model')}{yours}")
-    disparity, largest_px = plan.encodings.disparity, plan.config.disparity.max_px
-    if largest_px > disparity.limit_px:
-        limit = f"{disparity.limit_px:.0f} px of up to {largest_px:g} px"
-        listener.on_message(f"disparities above {limit} become invalid: {disparity.description} cannot hold them")
+    codec, section = plan.encodings.disparity, plan.config.disparity
+    for side, sign, end_px in (("above", 1, section.max_px), ("below", -1, section.min_px)):
+        if sign * end_px > codec.limit_px:
+            limit = f"{side} {sign * codec.limit_px:.0f} px, of up to {end_px:g} px,"
+            listener.on_message(f"disparities {limit} become invalid: {codec.description} cannot hold them")
     first = plan.splits[0]
     seed, patches = plan.split(first).seed, sources[first].atlas.patches
     # Solve the scenes before workers start, so that all workers find the result in the cache.

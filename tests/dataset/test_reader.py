@@ -55,7 +55,7 @@ def test_16_bit_disparities_beyond_256_px_are_counted(tmp_path, program):
     out = tmp_path / "out"
     code, _, err = program("generate", "--config", "middlebury", "--out", out, "--pairs", 1, "--seed", 1, *options)
     assert code == 0, err
-    assert "disparities above 256 px of up to 430 px become invalid: 16-bit PNG" in err
+    assert "disparities above 256 px, of up to 430 px, become invalid: 16-bit PNG" in err
     assert findings(out, 100) == []
     path = out / SCENES / "middlebury-000000" / "pair.json"
     (record,) = (out / "shards").glob("semisynth-*.json")
