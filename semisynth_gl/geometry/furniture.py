@@ -3,7 +3,8 @@
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Parts
-from semisynth_gl.geometry.parts import arc, around, ball, circle, lift, placed, rectangle, rod, smooth, turned, wire
+from semisynth_gl.geometry.parts import arc, ball, circle, lift, placed, rectangle, rod, spline, wire
+from semisynth_gl.geometry.rotations import about_x, about_z, even_turns
 from semisynth_gl.geometry.surfaces import box, extruded, extruded_cells, lathe, sweep
 
 
@@ -38,9 +39,9 @@ def chair(rng: np.random.Generator) -> Parts:
     yield from [rod((side * x, -y, 0), (side * x, -y, seat), leg) for side in (-1, 1)]
     for side in (-1, 1):
         post = [(side * x, y + lean / 3, 0), (side * x, y, seat), (side * x, y + lean, seat + back)]
-        yield wire(smooth(post, 4), leg)
+        yield wire(spline(post, 4), leg)
     low, high = (np.array([0, y + share * lean, seat + share * back]) for share in (0.35, 0.9))
-    tilt = turned((1, 0, 0), -float(np.arctan2(lean, back)))
+    tilt = about_x(-float(np.arctan2(lean, back)))
     style = rng.integers(3)
     if style == 0:
         yield placed(box((2 * x, 0.02, 0.55 * back)), (low + high) / 2, rotation=tilt)
@@ -117,7 +118,7 @@ def lamp(rng: np.random.Generator) -> Parts:
         yield wire(lift(np.array(bow), "xz"), stem, 10)
     yield placed(lathe(skin, 36, closed=True), top - (0, 0, tall / 2))
     yield placed(ball(0.045, 16, 9), top)
-    yield from [rod(top, top + turn @ (neck - wall / 2, 0, tall / 2 - 0.01), 0.005, sides=6) for turn in around(3)]
+    yield from [rod(top, top + turn @ (neck - wall / 2, 0, tall / 2 - 0.01), 0.005, sides=6) for turn in even_turns(3)]
 
 
 def picture_frame(rng: np.random.Generator) -> Parts:
@@ -160,8 +161,8 @@ def clothes_rack(rng: np.random.Generator) -> Parts:
     yield sweep(rectangle(0.03, 0.012), [(-width * 0.45, 0, 0.25 * height), (width * 0.45, 0, 0.25 * height)])
     for x in np.sort(rng.uniform(-0.4, 0.4, int(rng.integers(3, 9)))) * width:
         wide, drop = rng.uniform(0.16, 0.24), rng.uniform(0.1, 0.16)
-        hook = smooth([(0.03, 0.01), (0, 0.03), (-0.03, 0.01), (-0.01, -0.03), (0, -0.06)], 4) + (0, -0.01)
-        turn = turned((0, 0, 1), rng.uniform(-0.4, 0.4))
+        hook = spline([(0.03, 0.01), (0, 0.03), (-0.03, 0.01), (-0.01, -0.03), (0, -0.06)], 4) + (0, -0.01)
+        turn = about_z(rng.uniform(-0.4, 0.4))
         hanger = np.array([(0, -0.06), (wide, -0.06 - drop), (-wide, -0.06 - drop)])
         at = np.array([x, 0, height])
         hook, hanger = (lift(curve, "yz") @ turn.T + at for curve in (hook, hanger))

@@ -1,4 +1,4 @@
-"""The kinds of built-in models: builders by name, in two families, and their weights."""
+"""The kinds of built-in models: their builders by name, in two families, and their weights."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -13,7 +13,7 @@ from semisynth_gl.geometry.mesh import Mesh, Parts, merged, normalised
 from semisynth_gl.inputs.errors import InputError, did_you_mean, near
 
 Builder = Callable[[np.random.Generator], Mesh]
-"""Builds one model of a kind, normalised and named after the kind; all variation comes from the generator."""
+"""Builds one model of a kind, normalised and named after the kind. Only the generator makes models of a kind differ."""
 
 
 def _build(kind: Callable[[np.random.Generator], Parts], rng: np.random.Generator) -> Mesh:
@@ -21,7 +21,7 @@ def _build(kind: Callable[[np.random.Generator], Parts], rng: np.random.Generato
 
 
 def _builders(*modules: ModuleType) -> dict[str, Builder]:
-    """Return the builders of modules: each public function that a module defines builds the kind of its name."""
+    """Return a builder for each public function that the modules define; its name is the kind's name."""
     return {
         name: partial(_build, function)
         for module in modules
@@ -31,14 +31,14 @@ def _builders(*modules: ModuleType) -> dict[str, Builder]:
 
 
 SIMPLE_KINDS: Final = _builders(solids)
-"""Builders of simple models, the solids of a geometry book, by kind."""
+"""Builders of simple models by kind: solids of geometry, such as cones."""
 
 COMPLEX_KINDS: Final = _builders(furniture, vessels, structures, plants, hardware, soft, outdoors)
-"""Builders of complex models, by kind: everyday things with holes, thin parts and overlaps, where networks fail."""
+"""Builders of complex models by kind: everyday things. Networks fail at their holes, thin parts and overlaps."""
 
 
 def kind_weights(given: Mapping[str, float]) -> dict[str, float]:
-    """Return the weight of every kind, 1 where none is given; raises InputError where a given name is not a kind's."""
+    """Return the weight of every kind, 1 if none is given; raises InputError if ``given`` has an unknown kind."""
     known = [*SIMPLE_KINDS, *COMPLEX_KINDS]
     unknown = [kind for kind in given if kind not in known]
     if unknown:

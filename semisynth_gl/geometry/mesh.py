@@ -1,4 +1,4 @@
-"""The mesh type that the builders, the loader and the renderer share, and operations on meshes and vectors."""
+"""The mesh type that builders, loader and renderer share, and operations on meshes and vectors."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.arguments import check_magnitudes, to_array
 from semisynth_gl.inputs.errors import InputError
 
-# float32 rounds a number by up to 2^-24 of it, so the error of vertices grows with their distance from the origin. At
-# this many times half a mesh's extent it is 2^-10 of that half.
+# Maximum distance of vertices from the origin, in halves of the mesh's extent. float32 rounds a number by up to 2^-24 of
+# its size, so at this distance vertices are off by up to 2^-10 of half the extent.
 _FARTHEST = 1 << 14
 
 Floats = NDArray[np.float64]
@@ -21,20 +21,20 @@ Numbers = NDArray[np.number]
 class Mesh:
     """An indexed triangle mesh with one UV coordinate per vertex.
 
-    The program's own models follow two rules that hand-made meshes need not. They are normalised: their bounding sphere
-    has radius 1 about the origin. Their UV is measured in model units along the surface, so that one UV unit spans one
-    model unit and no texture is stretched.
+    The program's own models follow two rules, which hand-made meshes may break. They are normalised: their bounding
+    sphere has radius 1 about the origin. Their UV is measured in model units along the surface, so that one UV unit
+    spans one model unit and no texture is stretched.
 
     Attributes:
         name: the model's name in the provenance of a sample.
         positions: (V, 3) float32, model units, up to 1e9.
-        uv: (V, 2) float32; u to the right and v downwards in the patch, as in its pixel rows.
+        uv: (V, 2) float32; u points to the right and v downwards in the patch, as in its pixel rows.
         triangles: (T, 3) uint32 indices into ``positions``.
-        solid: whether the mesh is solid (see `is_solid`). Only the fronts of a solid mesh's triangles are drawn, of
-            other meshes both sides.
+        solid: whether the mesh is solid (see `is_solid`). Only the fronts of a solid mesh's triangles are drawn; of
+            other meshes, both sides are drawn.
 
     Raises:
-        InputError: where shapes, dtypes, indices or values are wrong.
+        InputError: if shapes, dtypes, indices or values are wrong.
     """
 
     name: str
@@ -66,20 +66,20 @@ class Mesh:
 
 
 Parts = Iterator[Mesh]
-"""The parts of a model, one at a time."""
+"""The parts of a model."""
 
 
 def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Mesh:
-    """Build a `Mesh` from anything array-like, converting to its dtypes.
+    """Build a `Mesh` from array-like values, which are converted to its dtypes.
 
     Args:
         name: see `Mesh`.
-        positions: (V, 3), model units, up to 1e9. No vertex is farther from 0 than 16384 times half their extent.
-        uv: (V, 2), up to 16384, or to 16384 times half their extent.
+        positions: (V, 3), model units, up to 1e9, and up to 16384 times half their extent from 0.
+        uv: (V, 2), up to 16384, or up to 16384 times half their extent if that is more.
         triangles: (T, 3) indices.
 
     Raises:
-        InputError: where shapes, indices or values are wrong.
+        InputError: if shapes, indices or values are wrong.
     """
     vertices = to_array(f"mesh {name}: positions", positions, np.float64)
     coordinates = to_array(f"mesh {name}: uv", uv, np.float64)
@@ -96,24 +96,24 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
 
 
 def make_part(name: str, positions: Numbers, uv: Numbers, triangles: Numbers) -> Mesh:
-    """Build a part of a model from arrays of any dtype, as `make_mesh` does; it may lie far from the model's origin."""
-    with np.errstate(over="ignore"):  # the mesh refuses infinite numbers
+    """Build a part of a model from arrays of any dtype. Unlike in `make_mesh`, it may lie far from the origin."""
+    with np.errstate(over="ignore"):  # Mesh refuses infinite numbers
         vertices, coordinates = (each.astype(np.float32, order="C") for each in (positions, uv))
     return Mesh(name, vertices, coordinates, triangles.astype(np.uint32, order="C"))
 
 
 def mesh_grid(rows: int, columns: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return the triangulation of a grid of cells: u and v from 0 to 1, (V,) each, and triangles, (T, 3).
+    """Triangulate a grid of cells: return u and v of its vertices from 0 to 1, (V,) each, and triangles, (T, 3).
 
-    The V = (rows + 1) (columns + 1) vertices run row by row; u grows along a row, v from row to row.
+    The V = (rows + 1) (columns + 1) vertices follow row by row. u grows along a row, and v from row to row.
     """
     v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
     first = np.arange(v.size).reshape(v.shape)[:-1, :-1].reshape(-1, 1)
-    return u.ravel(), v.ravel(), halved(first + np.array([0, 1, columns + 2, columns + 1]))
+    return u.ravel(), v.ravel(), split_quads(first + np.array([0, 1, columns + 2, columns + 1]))
 
 
-def halved(quads: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Cut quadrilaterals of indices, (Q, 4), along a diagonal: (2 Q, 3), all first halves before all second halves."""
+def split_quads(quads: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Split quadrilaterals of indices, (Q, 4), into triangles, (2 Q, 3); all first halves precede all second halves."""
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
@@ -124,18 +124,17 @@ def cross(first: Floats, second: Floats) -> Floats:
     return np.stack([b * r - c * q, c * p - a * r, a * q - b * p], axis=-1)
 
 
-def least_axis(direction: Floats) -> Floats:
+def least_aligned_axis(direction: Floats) -> Floats:
     """Return the unit vector, (3,), of the axis along which a direction (3,) has its smallest component.
 
-    Components that agree to 1e-6 count as equal, and the first of them is taken: sines and products of matrices differ
-    in their last bits from processor to processor, and must not decide.
+    Of components that agree to 1e-6, the first is chosen, so that rounding errors, which differ between processors, do
+    not decide.
     """
-    axis: Floats = np.eye(3)[np.argmin(np.round(np.abs(direction), 6))]
-    return axis
+    return np.asarray(np.eye(3)[np.argmin(np.round(np.abs(direction), 6))])
 
 
 def face_normals(corners: Floats) -> Floats:
-    """Return the normals of triangles, (T, 3), from their corners, (T, 3, 3); a normal's length is twice the area."""
+    """Return normals, (T, 3), of triangles with corners (T, 3, 3); the length of a normal is twice the area."""
     return cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
@@ -150,7 +149,7 @@ def unit(vector: Floats) -> Floats:
 
 
 def merged(name: str, parts: Iterable[Mesh]) -> Mesh:
-    """Join meshes into one of the given name, with vertices and triangles in the order given; ``solid`` is not set."""
+    """Join meshes into one mesh, whose ``solid`` is not set; vertices and triangles keep their order."""
     meshes = list(parts)
     starts = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])]).astype(np.uint32)
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
@@ -159,9 +158,9 @@ def merged(name: str, parts: Iterable[Mesh]) -> Mesh:
 
 
 def normalised(mesh: Mesh) -> Mesh:
-    """Centre a mesh's bounding box on the origin and scale it, with its UV, to radius 1.
+    """Centre a mesh's bounding box on the origin, and scale positions and UV to radius 1.
 
-    Raises InputError where all vertices coincide.
+    Raises InputError if all vertices coincide.
     """
     positions = mesh.positions.astype(np.float64)
     centred = positions - (positions.min(axis=0) + positions.max(axis=0)) / 2
@@ -174,8 +173,8 @@ def normalised(mesh: Mesh) -> Mesh:
 def without_degenerate(mesh: Mesh) -> Mesh:
     """Drop triangles without area, and vertices without a triangle.
 
-    A triangle has no area where its height over its longest edge is at most a millionth of the mesh's radius: it
-    cannot be seen, and its normal and texture direction are noise. Raises InputError where no triangle remains.
+    A triangle counts as without area if its height over its longest edge is at most a millionth of the mesh's radius:
+    it cannot be seen, and its normal is noise. Raises InputError if no triangle remains.
     """
     corners = mesh.positions.astype(np.float64)[mesh.triangles]
     double_areas = lengths(face_normals(corners))

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from semisynth_gl.geometry.mesh import Floats, Mesh, Parts
-from semisynth_gl.geometry.parts import circle, lift, placed, rectangle, rod, smooth, turned, wire
+from semisynth_gl.geometry.parts import circle, lift, placed, rectangle, rod, spline, wire
+from semisynth_gl.geometry.rotations import about_x, about_y
 from semisynth_gl.geometry.surfaces import box, extruded, lathe
 
-_LYING = turned((0, 1, 0), np.pi / 2)
+_LYING = about_y(np.pi / 2)
 
 
 def _across(outline: ArrayLike, width: float) -> Mesh:
@@ -37,8 +38,8 @@ def car(rng: np.random.Generator) -> Parts:
     boot = (0.0, rng.uniform(0.06, 0.18))[int(rng.integers(2))] * long
     if rng.random() < 0.3:
         bonnet, boot, roof = 0.14 * long, 0.0, rng.uniform(1.9, 2.4)
-    tail = smooth([(rear, sill), (rear + 0.02, 0.65 * belt), (rear - 0.04, belt)], 3)
-    nose = smooth([(front + bonnet, belt), (front + 0.12, 0.82 * belt), (front - 0.02, 0.6 * belt), (front, sill)], 3)
+    tail = spline([(rear, sill), (rear + 0.02, 0.65 * belt), (rear - 0.04, belt)], 3)
+    nose = spline([(front + bonnet, belt), (front + 0.12, 0.82 * belt), (front - 0.02, 0.6 * belt), (front, sill)], 3)
     yield _across([*tail, *nose], wide)
     top = (front + bonnet + slope, rear - boot - 0.5 * slope)
     glass = [(rear - boot - 0.05, belt - 0.03), (top[1], roof), (top[0], roof), (front + bonnet, belt - 0.03)]
@@ -91,7 +92,7 @@ def _window(size: Floats, at: Sequence[float]) -> Parts:
     wide, high = size
     rim = rectangle(2, 2) * size / 2
     # extruded along z, which becomes y; half of its depth is in front of the wall, half behind its face
-    frame = placed(extruded(rim + 0.09 * np.sign(rim), 0.32, rim), (0, 0.16, 0), rotation=turned((1, 0, 0), np.pi / 2))
+    frame = placed(extruded(rim + 0.09 * np.sign(rim), 0.32, rim), (0, 0.16, 0), rotation=about_x(np.pi / 2))
     cross = [box((0.08, 0.22, high + 0.1)), box((wide + 0.1, 0.12, 0.08), (0, 0, 0.15 * high))]
     sill = box((wide + 0.4, 0.5, 0.1), (0, 0, -high / 2 - 0.09))
     yield from [placed(part, at) for part in (frame, *cross, sill)]
@@ -108,7 +109,7 @@ def road_sign(rng: np.random.Generator) -> Parts:
         corners = (36, 3, 8, 4)[int(rng.integers(4))]
         plate = extruded(circle(size, corners, np.pi / 2 if corners == 3 else np.pi / corners), 0.04)
         # its back lies within the post
-        yield placed(plate, (0, -0.01, level - size), rotation=turned((1, 0, 0), np.pi / 2))
+        yield placed(plate, (0, -0.01, level - size), rotation=about_x(np.pi / 2))
         level -= 2 * size + 0.06
 
 
@@ -118,7 +119,7 @@ def street_lamp(rng: np.random.Generator) -> Parts:
     yield from (rod((0, 0, 0), (0, 0, 0.9), 0.11, sides=12), rod((0, 0, 0.85), (0, 0, high), 0.07, 0.05, 12))
     for side in (-1, 1)[: int(rng.integers(1, 3))]:
         arm = [(0.02 * side, 0, high - 0.3), (0.3 * side * reach, 0, high + 0.2), (side * reach, 0, high + 0.3)]
-        yield wire(smooth(arm, 5), 0.035)
+        yield wire(spline(arm, 5), 0.035)
         yield box((0.6, 0.22, 0.12), (side * (reach + 0.2), 0, high + 0.27))
 
 
@@ -128,7 +129,7 @@ def bench(rng: np.random.Generator) -> Parts:
     yield from [box((long, 0.085, 0.035), (0, y, seat)) for y in np.linspace(-0.22, 0.2, int(rng.integers(3, 6)))]
     lean = rng.uniform(0.1, 0.25)
     for share in np.linspace(0.25, 1, int(rng.integers(2, 5))):
-        plank = placed(box((long, 0.03, 0.09)), rotation=turned((1, 0, 0), -lean))
+        plank = placed(box((long, 0.03, 0.09)), rotation=about_x(-lean))
         yield placed(plank, (0, 0.24 + share * back * lean, seat + share * back))
     for x in (-0.4 * long, 0.4 * long):
         # all ends lie within planks or other rods
@@ -137,7 +138,7 @@ def bench(rng: np.random.Generator) -> Parts:
         yield rod((x, 0.2, seat - 0.01), (x, 0.25 + back * lean, seat + back), 0.022)
         if rng.random() < 0.5:
             rest = [(x, -0.21, seat - 0.01), (x, -0.21, seat + 0.2), (x, 0.21 + 0.5 * lean * back, seat + 0.22)]
-            yield wire(smooth(rest, 4), 0.018)
+            yield wire(spline(rest, 4), 0.018)
 
 
 def bicycle(rng: np.random.Generator) -> Parts:
@@ -157,7 +158,7 @@ def bicycle(rng: np.random.Generator) -> Parts:
     yield from [rod(front + (x, 0, 0), head + (0.4 * x, 0, -0.12), 0.013) for x in (-0.045, 0.045)]
     yield rod(head - (0, 0, 0.14), head + (0, -0.045, 0.12), 0.9 * tube)
     yield box((0.14, 0.26, 0.06), seat + (0, 0.03, 0.02))
-    bar = smooth([(-0.28, -0.22, 0.98), (-0.15, -0.36, 0.96), (0.15, -0.36, 0.96), (0.28, -0.22, 0.98)], 4)
+    bar = spline([(-0.28, -0.22, 0.98), (-0.15, -0.36, 0.96), (0.15, -0.36, 0.96), (0.28, -0.22, 0.98)], 4)
     yield wire(bar - (0, 0, 0.04), 0.014)
 
 
@@ -168,7 +169,7 @@ def bin(rng: np.random.Generator) -> Parts:  # noqa: A001 - the kind's name is t
     yield _across(side, wide)
     # the hinge lies within the bin, so that the lid, shut, sinks into it there
     lid = placed(box((wide + 0.06, deep + 0.1, 0.05)), (0, -deep / 2, 0.01))
-    opened = turned((1, 0, 0), -rng.uniform(0.9, 1.9) if rng.random() < 0.3 else -0.02)
+    opened = about_x(-rng.uniform(0.9, 1.9) if rng.random() < 0.3 else -0.02)
     yield placed(lid, (0, deep / 2, high), rotation=opened)
     yield from [_wheel(0.11, 0.06, (x * (wide / 2 + 0.02), 0.4 * deep, 0.11)) for x in (-1, 1)]
     handle = np.array([wide / 2, deep / 2 + 0.06, high - 0.12])

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from semisynth_gl.geometry.mesh import Floats, Mesh, Parts, cross, merged, unit
-from semisynth_gl.geometry.parts import arc, ball, circle, hollow, onto, placed, rod, smooth, turned, wire
+from semisynth_gl.geometry.parts import arc, ball, circle, hollow, placed, rod, spline, wire
+from semisynth_gl.geometry.rotations import about_y, about_z, rotation_about, z_onto
 from semisynth_gl.geometry.surfaces import grid_surface, lathe, sweep
 
 GOLDEN_TURN_RAD = np.pi * (3 - np.sqrt(5))
@@ -32,7 +33,7 @@ def _stem(path: Floats, radius: float, tip: float, sides: int = 6) -> Mesh:
 
 def _facing(azimuth_rad: float, rise_rad: float) -> Floats:
     """Rotation that takes +x up by ``rise_rad`` and then round z by ``azimuth_rad``; (3, 3)."""
-    return turned((0, 0, 1), azimuth_rad) @ turned((0, 1, 0), -rise_rad)
+    return about_z(azimuth_rad) @ about_y(-rise_rad)
 
 
 def potted_plant(rng: np.random.Generator) -> Parts:
@@ -47,7 +48,7 @@ def potted_plant(rng: np.random.Generator) -> Parts:
         azimuth, tall, spread = stem * GOLDEN_TURN_RAD, rng.uniform(0.5, 1.1), rng.uniform(0.1, 0.45)
         away = np.array([np.cos(azimuth), np.sin(azimuth), 0])
         foot = 0.4 * radius * away + (0, 0, 0.72 * height)
-        path = smooth([foot, foot + 0.25 * spread * away + (0, 0, 0.55 * tall), foot + spread * away + (0, 0, tall)], 5)
+        path = spline([foot, foot + 0.25 * spread * away + (0, 0, 0.55 * tall), foot + spread * away + (0, 0, tall)], 5)
         yield _stem(path, 0.016, 0.006)
         for place in range(3, len(path), 2):
             turn = _facing(azimuth + place * GOLDEN_TURN_RAD, rng.uniform(0, 0.7))
@@ -65,11 +66,11 @@ def tree(rng: np.random.Generator) -> Parts:
         for foot, axis, length, radius in tips:
             end = foot + length * axis
             middle = (foot + end) / 2 + rng.normal(0, 0.04 * length, 3)
-            path = smooth([foot, middle, end], 3 if level < 3 else 1)
+            path = spline([foot, middle, end], 3 if level < 3 else 1)
             yield _stem(path, radius, 0.7 * radius, 8 if level < 2 else 5)
             for fork in range(2 if rng.random() < 0.7 or level > 2 else 3):
                 sideways = unit(cross(axis, rng.normal(size=3)))
-                heading = turned(axis, np.pi * fork) @ (np.cos(spread) * axis + np.sin(spread) * sideways)
+                heading = rotation_about(axis, np.pi * fork) @ (np.cos(spread) * axis + np.sin(spread) * sideways)
                 heading = unit(heading + (0, 0, 0.15))
                 long = length * shrink * rng.uniform(0.85, 1.1)
                 grown.append((end - 0.3 * radius * axis, heading, long, 0.7 * radius))
@@ -93,7 +94,7 @@ def cactus(rng: np.random.Generator) -> Parts:
 def _round_ended(path: ArrayLike, radius: float) -> Mesh:
     """A round tube along a curve, (P, 3), that ends in a ball."""
     points = np.asarray(path, np.float64)
-    end = placed(ball(radius, 20, 13), points[-1], rotation=onto(unit(points[-1] - points[-2])))
+    end = placed(ball(radius, 20, 13), points[-1], rotation=z_onto(unit(points[-1] - points[-2])))
     return merged("tube", [wire(points, 0.99 * radius, 20), end])
 
 
@@ -113,9 +114,9 @@ def flower(rng: np.random.Generator) -> Parts:
         away = np.array([np.cos(azimuth), np.sin(azimuth), 0])
         tall = rng.uniform(0.8, 1.3)
         head = rng.uniform(0.1, 0.4) * away + (0, 0, tall)
-        path = smooth([np.zeros(3), 0.3 * head * (1, 1, 0) + (0, 0, 0.6 * tall), head], 6)
+        path = spline([np.zeros(3), 0.3 * head * (1, 1, 0) + (0, 0, 0.6 * tall), head], 6)
         yield _stem(path, 0.015, 0.009, 8)
-        tilt = _facing(azimuth, 0) @ turned((0, 1, 0), rng.uniform(0.2, 1))
+        tilt = _facing(azimuth, 0) @ about_y(rng.uniform(0.2, 1))
         yield placed(lathe([(0, -0.02), (0.06, -0.01), (0.05, 0.02), (0, 0.035)], 20), head, rotation=tilt)
         for petal in range(petals):
             turn = tilt @ _facing(2 * np.pi * petal / petals, 0.25)

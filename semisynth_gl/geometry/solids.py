@@ -1,4 +1,4 @@
-"""Simple models: the solids of a geometry book, in varying proportions."""
+"""Simple models: solids of geometry, in varying proportions."""
 
 from typing import Final
 
@@ -9,11 +9,11 @@ from semisynth_gl.geometry.parts import arc, ball, circle
 from semisynth_gl.geometry.surfaces import box, extruded, lathe
 
 SMOOTH_SEGMENTS: Final = 48
-"""Sides of the polygon that replaces a circle: with a diameter of 300 pixels it is off by a third of a pixel."""
+"""Number of sides of the polygon that replaces a circle: at a diameter of 300 px, it is off by a third of a pixel."""
 
 
 def cube(_rng: np.random.Generator) -> Parts:
-    """A cube; it never varies."""
+    """A cube; all are the same."""
     yield box((1, 1, 1))
 
 
@@ -23,12 +23,12 @@ def cuboid(rng: np.random.Generator) -> Parts:
 
 
 def sphere(_rng: np.random.Generator) -> Parts:
-    """A sphere; it never varies."""
+    """A sphere; all are the same."""
     yield ball(1, SMOOTH_SEGMENTS, SMOOTH_SEGMENTS // 2 + 1)
 
 
 def cone(rng: np.random.Generator) -> Parts:
-    """A cone, or now and then a frustum."""
+    """A cone, or more rarely a frustum."""
     top = rng.uniform(0.2, 0.7) if rng.random() < 0.3 else 0.0
     height = rng.uniform(1, 3.5)
     lid = [(top, height)] if top else []
@@ -61,6 +61,6 @@ def pyramid(rng: np.random.Generator) -> Parts:
 
 
 def prism(rng: np.random.Generator) -> Parts:
-    """A prism over a polygon of three to eight sides, regular or drawn out."""
+    """A prism over a polygon of three to eight sides, regular or elongated."""
     outline = circle(1, int(rng.integers(3, 9)), rng.uniform(0, 2 * np.pi)) * (1, rng.uniform(0.6, 1))
     yield extruded(outline, rng.uniform(0.5, 3))

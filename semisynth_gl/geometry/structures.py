@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Parts, merged, unit
-from semisynth_gl.geometry.parts import arc, on_circle, placed, rectangle, rod, rounded, turned, wire
+from semisynth_gl.geometry.parts import arc, from_polar, placed, rectangle, rod, rounded, wire
+from semisynth_gl.geometry.rotations import about_x, about_z
 from semisynth_gl.geometry.surfaces import box, extruded, lathe, sweep
 
 
@@ -33,12 +34,12 @@ def spiral_stairs(rng: np.random.Generator) -> Parts:
     half = 0.55 * abs(turn)
     tread = np.concatenate([[(0.04, -0.05)], arc(radius, -half, half, 5), [(0.04, 0.05)]]) - (radius / 2, 0)
     for i in range(steps):
-        rotation = turned((0, 0, 1), i * turn)
+        rotation = about_z(i * turn)
         yield placed(extruded(tread, 0.03), rotation @ (radius / 2, 0, (i + 1) * rise), rotation=rotation)
         foot = rotation @ np.array([0.95 * radius, 0, (i + 1) * rise])
         yield rod(foot, foot + (0, 0, 0.75), 0.01, sides=6)
     t = np.linspace(0, steps - 1, 4 * steps)
-    yield wire(np.column_stack([on_circle(0.95 * radius, t * turn), (t + 1) * rise + 0.75]), 0.022)
+    yield wire(np.column_stack([from_polar(0.95 * radius, t * turn), (t + 1) * rise + 0.75]), 0.022)
 
 
 def ladder(rng: np.random.Generator) -> Parts:
@@ -54,7 +55,7 @@ def ladder(rng: np.random.Generator) -> Parts:
         return
     spread = rng.uniform(0.3, 0.6)
     top, reach = length * np.cos(spread / 2), length * np.sin(spread / 2)
-    yield placed(merged("front", front), (0, -reach, 0), rotation=turned((1, 0, 0), -spread / 2))
+    yield placed(merged("front", front), (0, -reach, 0), rotation=about_x(-spread / 2))
     yield box((high + 0.06, 0.12, 0.03), (0, 0, top))
     yield from [rod((side * low / 2, reach, 0), (side * high / 2, 0, top), 0.7 * rail) for side in (-1, 1)]
     yield rod((-0.45 * low, 0.7 * reach, 0.3 * top), (0.45 * low, 0.7 * reach, 0.3 * top), 0.5 * rail)
@@ -72,7 +73,7 @@ def fence(rng: np.random.Generator) -> Parts:
                 half, tall, point = rng.uniform(0.025, 0.035), 0.95 * height, 0.06
                 outline = [*rectangle(2 * half, tall)[:3], (0, tall / 2 + point), (-half, tall / 2)]
                 picket = extruded(outline, 0.02)
-                yield placed(picket, (x, 0.083, tall / 2 + 0.05), rotation=turned((1, 0, 0), np.pi / 2))
+                yield placed(picket, (x, 0.083, tall / 2 + 0.05), rotation=about_x(np.pi / 2))
             else:
                 yield rod((x, 0.05, 0.05), (x, 0.05, rng.uniform(0.95, 1.05) * height), 0.012)
     else:

@@ -16,12 +16,12 @@ from semisynth_gl.geometry.mesh import (
     Floats,
     Mesh,
     cross,
-    halved,
-    least_axis,
+    least_aligned_axis,
     lengths,
     make_part,
     merged,
     mesh_grid,
+    split_quads,
     unit,
     without_degenerate,
 )
@@ -154,7 +154,7 @@ def _frames(points: Floats, *, closed: bool) -> tuple[Floats, Floats, Floats]:
         tangent = np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
     tangent /= lengths(tangent)[:, None]
     count = len(points)
-    axis = least_axis(tangent[0])
+    axis = least_aligned_axis(tangent[0])
     moved = unit(axis - (axis @ tangent[0]) * tangent[0])
     normals = [moved]
     for start in range(count if closed else count - 1):
@@ -274,7 +274,7 @@ def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) 
         quads.append(bounds[corners, np.arange(3)].transpose(2, 0, 1)[is_open].reshape(-1, 3))
         uv.append(_planar_uv(quads[-1], np.array(normal, np.float64)))
     points = np.concatenate(quads)
-    return make_part("cells", points, np.concatenate(uv), halved(np.arange(len(points)).reshape(-1, 4)))
+    return make_part("cells", points, np.concatenate(uv), split_quads(np.arange(len(points)).reshape(-1, 4)))
 
 
 def _cumulative(steps: Floats) -> Floats:

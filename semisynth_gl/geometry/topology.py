@@ -1,4 +1,4 @@
-"""Connections between triangles: vertices at equal positions, neighbours across edges, closed surfaces, edges.
+"""How triangles are connected: neighbours across edges, edges, and whether a surface is closed.
 
 trimesh has similar functions, but takes longer to load than everything else together.
 """
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from semisynth_gl.geometry.mesh import Mesh, cross
 
 NO_NEIGHBOUR = 0xFFFFFFFF
-"""Stands for the neighbour across an edge where a triangle has none."""
+"""The entry of `neighbours` for an edge without a neighbour."""
 
 
 def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
-    """Find the triangle across each edge of each triangle; (T, 3) uint32.
+    """Find the number of the triangle across each edge of each triangle; (T, 3) uint32.
 
-    Column k has the number of the triangle across the edge from corner k to the next corner. It is `NO_NEIGHBOUR` at a
-    border, and where more than two triangles share the edge.
+    Column k is for the edge from corner k to the next corner. The number is `NO_NEIGHBOUR` at a border, and if more
+    than two triangles share the edge.
     """
     start, stop, count = _edges(mesh)
     edge = np.minimum(start, stop) * count + np.maximum(start, stop)
@@ -36,12 +36,12 @@ class MeshEdges:
     """E edges, each with the triangles on its two sides; an edge at a border has the same triangle twice.
 
     Attributes:
-        corners: (2, E, 3) uint32, for the triangle on each side: the vertices that the edge goes from and to, and the
-            opposite vertex. Seen from outside of a solid, these corners of the first triangle run anticlockwise, those
-            of the second triangle clockwise.
-        plane: (2, 4, E) float32, the plane n . x = n . p of the triangle on each side: n = (to - from) x
-            (opposite - from), and n . p with p = from.
-        below: (2, E) bool, whether the opposite corner of the other side lies below this plane, where n . x < n . p.
+        corners: (2, E, 3) uint32, vertices of the triangle on each side: start and end of the edge, and the opposite
+            vertex. Seen from outside of a solid, they run anticlockwise in the first triangle, and clockwise in the
+            second triangle.
+        plane: (2, 4, E) float32, n and n . p of the plane n . x = n . p through the triangle on each side, where
+            n = (end - start) x (opposite - start) and p = start.
+        below: (2, E) bool, whether the opposite vertex of the other side has n . x < n . p for this plane.
         border: (E,) bool, whether the edge has only one triangle.
     """
 
@@ -52,7 +52,7 @@ class MeshEdges:
 
 
 def find_edges(mesh: Mesh) -> MeshEdges:
-    """Find the edges of a mesh; where more than two triangles share an edge, each of them has a border there."""
+    """Find the edges of a mesh. If more than two triangles share an edge, it is a border of each of them."""
     triangles, across = mesh.triangles, neighbours(mesh)
     own, side = (index.ravel() for index in np.indices(across.shape))
     other = across.ravel().astype(np.int64)
@@ -64,9 +64,9 @@ def find_edges(mesh: Mesh) -> MeshEdges:
     sides = ((own, side), (other, other_side))
     first, second = (triangles[number[:, None], (begin[:, None] + np.arange(3)) % 3] for number, begin in sides)
     points = mesh.positions.astype(np.float64)
-    # A neighbour of the same winding runs along the edge in the opposite direction.
-    turned = (points[first[:, 0]] != points[second[:, 0]]).any(axis=1)
-    second[turned] = second[turned][:, [1, 0, 2]]
+    # A neighbour with the same winding has the edge in the opposite direction.
+    is_reversed = (points[first[:, 0]] != points[second[:, 0]]).any(axis=1)
+    second[is_reversed] = second[is_reversed][:, [1, 0, 2]]
     corners = np.stack([first, second])
     start, stop, opposite = np.moveaxis(points[corners], 2, 0)
     normal = cross(stop - start, opposite - start)
@@ -77,11 +77,10 @@ def find_edges(mesh: Mesh) -> MeshEdges:
 
 
 def is_solid(mesh: Mesh) -> bool:
-    """Return whether a surface is closed and all its connected parts are wound anticlockwise seen from outside.
+    """Return whether a surface is closed, and all its triangles are anticlockwise seen from outside.
 
-    Triangles must pass every edge as often in one direction as in the other, and every connected part must enclose a
-    positive volume. A ray from outside then meets the front of a triangle first, unless a part turns itself inside out
-    by crossing itself.
+    Every edge must occur as often in one direction as in the other, and every connected part must enclose a positive
+    volume. A ray from outside then meets the front of a triangle first, unless a part crosses itself.
     """
     from scipy.sparse import coo_array  # noqa: PLC0415 - slow to load, and most processes take models from the cache
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
@@ -97,15 +96,14 @@ def is_solid(mesh: Mesh) -> bool:
 
 
 def marked_solid(mesh: Mesh) -> Mesh:
-    """Return the mesh with ``solid`` set to the answer of `is_solid`."""
+    """Return the mesh with ``solid`` set to the result of `is_solid`."""
     return replace(mesh, solid=is_solid(mesh))
 
 
 def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Return the first and last vertex of the three edges of each triangle in turn, (3 T,) each.
+    """Return the start and the end of the three edges of each triangle in turn, (3 T,) each, and the number of points.
 
-    The third result is the number of vertices. Vertices at equal positions count as one, since UV seams do not cut a
-    surface.
+    Vertices at equal positions are one point, since UV seams do not cut a surface.
     """
     # Adding 0 turns -0.0 into 0.0, whose bits differ.
     x, y, z = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64).T

@@ -12,8 +12,8 @@ from semisynth_gl.geometry.mesh import Floats, Mesh, cross, face_normals, length
 def facing_axes(normals: Floats) -> tuple[Floats, Floats]:
     """Return the texture's u and v axes on planes with unit normals, (N, 3); (N, 3) unit vectors each.
 
-    Seen from outside, u runs to the right and v downwards. Down is -z, except on planes that face along z, where it is
-    -y. So u, -v and the normal are right-handed.
+    Seen from outside, u points to the right and v downwards: towards -z, or towards -y on planes that face along z. So
+    u, -v and the normal are right-handed.
     """
     upright = np.abs(normals[:, 2:]) < 1 - 1e-9
     up = np.where(upright, [0.0, 0.0, 1.0], [0.0, 1.0, 0.0])
@@ -30,16 +30,15 @@ DIRECTIONS: Final = _STEPS / lengths(_STEPS)[:, None]
 def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
     """Make a mesh with UV in model units from positions, (V, 3), and triangles, (T, 3) indices.
 
-    A length on the surface is 1 to 1.13 times its length in UV. A vertex whose triangles are projected along several
-    directions becomes several vertices, one per direction.
+    A length on the surface is 1 to 1.13 times its length in UV. If the triangles at a vertex are projected along
+    several directions, the mesh has the vertex once per direction.
     """
     points = np.asarray(positions, np.float64)
     index = np.asarray(triangles, np.int64)
-    # Not by BLAS, whose rounding depends on the machine, and with it the choice among equally near directions.
+    # einsum, since the rounding of BLAS depends on the machine, and would decide between equally near directions.
     direction = np.argmax(np.einsum("ti,di->td", face_normals(points[index]), DIRECTIONS), axis=1)
-    # Equal pairs of vertex and direction share a vertex of the result.
-    pairs = index * len(DIRECTIONS) + direction[:, None]
-    unique, renumbered = np.unique(pairs, return_inverse=True)
+    # Each pair of vertex and direction is a vertex of the result.
+    unique, renumbered = np.unique(index * len(DIRECTIONS) + direction[:, None], return_inverse=True)
     vertex, chart = np.divmod(unique, len(DIRECTIONS))
     u, v = facing_axes(DIRECTIONS)
     uv = np.stack([(points[vertex] * axis[chart]).sum(axis=1) for axis in (u, v)], axis=1)

@@ -3,7 +3,8 @@
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Parts
-from semisynth_gl.geometry.parts import arc, around, hollow, lift, placed, rod, smooth, turned, wire
+from semisynth_gl.geometry.parts import arc, hollow, lift, placed, rod, spline, wire
+from semisynth_gl.geometry.rotations import about_x, even_turns
 from semisynth_gl.geometry.surfaces import lathe
 
 
@@ -29,7 +30,7 @@ def vase(rng: np.random.Generator) -> Parts:
     height = rng.uniform(0.8, 1.6)
     radii = rng.uniform((0.2, 0.3, 0.12, 0.16), (0.35, 0.5, 0.3, 0.42))
     heights = np.array([0, rng.uniform(0.25, 0.5), rng.uniform(0.7, 0.85), 1]) * height
-    outside = smooth(np.column_stack([radii, heights]), 8)
+    outside = spline(np.column_stack([radii, heights]), 8)
     yield lathe(hollow(outside, 0.025), 44)
 
 
@@ -49,7 +50,7 @@ def goblet(rng: np.random.Generator) -> Parts:
     foot, stem, bowl = rng.uniform(0.22, 0.32), rng.uniform(0.018, 0.035), rng.uniform(0.25, 0.4)
     leg, tall = rng.uniform(0.3, 0.6), rng.uniform(0.35, 0.7)
     lip = bowl * rng.uniform(0.65, 1.15)
-    cup = smooth([(stem, leg), (0.7 * bowl, leg + 0.12 * tall), (bowl, leg + 0.45 * tall), (lip, leg + tall)], 7)
+    cup = spline([(stem, leg), (0.7 * bowl, leg + 0.12 * tall), (bowl, leg + 0.45 * tall), (lip, leg + tall)], 7)
     wall = 0.014
     inner = cup[::-1] - (wall, 0)
     inner = inner[inner[:, 0] > 0.02]
@@ -63,7 +64,7 @@ def bowl_stack(rng: np.random.Generator) -> Parts:
     for _ in range(int(rng.integers(2, 6))):
         depth = radius * rng.uniform(0.45, 0.7)
         curve = np.column_stack([np.linspace(0.35, 1, 10), np.linspace(0, 1, 10) ** 2.2]) * (radius, depth)
-        wobble, tilt = (*rng.uniform(-0.015, 0.015, 2), floor), turned((1, 0, 0), rng.uniform(-0.06, 0.06))
+        wobble, tilt = (*rng.uniform(-0.015, 0.015, 2), floor), about_x(rng.uniform(-0.06, 0.06))
         yield placed(lathe(hollow(curve, 0.02), 36), wobble, rotation=tilt)
         floor += rng.uniform(0.08, 0.2)
         radius *= rng.uniform(0.85, 1)
@@ -73,21 +74,21 @@ def jug(rng: np.random.Generator) -> Parts:
     """A jug with a tall handle and a pipe for a spout, like a watering can."""
     radius, height = rng.uniform(0.3, 0.4), rng.uniform(0.5, 0.8)
     top = radius * rng.uniform(0.5, 0.8)
-    outside = smooth([(0.9 * radius, 0), (radius, 0.3 * height), (0.9 * radius, 0.7 * height), (top, height)], 6)
+    outside = spline([(0.9 * radius, 0), (radius, 0.3 * height), (0.9 * radius, 0.7 * height), (top, height)], 6)
     yield lathe(hollow(outside, 0.025), 40)
     reach, rise, arch = rng.uniform(0.4, 0.8), rng.uniform(0.8, 1.2), rng.uniform(0.25, 0.5)
     spout = [(0.8 * radius, 0.2 * height), (radius + 0.4 * reach, 0.5 * height), (radius + reach, rise * height)]
-    yield wire(lift(smooth(spout, 7), "xz"), 0.04, 12)
+    yield wire(lift(spline(spout, 7), "xz"), 0.04, 12)
     handle = [(-0.9 * radius, 0.3 * height), (-radius - 0.6 * arch, 0.7 * height), (-0.9 * radius, height + arch)]
     handle += [(0.0, height + arch), (top - 0.02, height - 0.02)]
-    yield wire(lift(smooth(handle, 7), "xz"), 0.03, 10)
+    yield wire(lift(spline(handle, 7), "xz"), 0.03, 10)
 
 
 def basket(rng: np.random.Generator) -> Parts:
     """A basket of upright rods and hoops, with a handle across; open between the rods."""
     low, high, height = rng.uniform(0.3, 0.45), rng.uniform(0.45, 0.6), rng.uniform(0.35, 0.6)
     yield lathe([(0, 0), (low + 0.02, 0), (low + 0.02, 0.03), (0, 0.03)], 32)
-    turns = around(int(rng.integers(12, 25)))
+    turns = even_turns(int(rng.integers(12, 25)))
     yield from [rod(turn @ (low, 0, 0.01), turn @ (high, 0, height), 0.011, sides=6) for turn in turns]
     for share in np.linspace(0.15, 1, int(rng.integers(3, 6))):
         hoop = arc(0.012 if share < 1 else 0.022, 0, 2 * np.pi, 9)[:-1]
@@ -103,12 +104,12 @@ def cage(rng: np.random.Generator) -> Parts:
     yield lathe([(0, 0), (radius + 0.03, 0), (radius + 0.03, 0.05), (0, 0.05)], 36)
     over = arc(1, 0, 0.46 * np.pi, 9) * (radius, dome) + (0, height)
     bar = np.concatenate([[(radius, 0.03)], over])
-    yield from [wire(lift(bar, "xz") @ turn.T, 0.009, 6) for turn in around(int(rng.integers(12, 28)))]
+    yield from [wire(lift(bar, "xz") @ turn.T, 0.009, 6) for turn in even_turns(int(rng.integers(12, 28)))]
     tube = arc(0.014, 0, 2 * np.pi, 9)[:-1]
     yield from [lathe(tube + (radius, z), 36, closed=True) for z in np.linspace(0, height, int(rng.integers(2, 5)))[1:]]
     top = height + dome
     yield lathe([(0, top - 0.01), (0.09, top - 0.01), (0.05, top + 0.05), (0, top + 0.05)], 16)
-    ring = lift(arc(0.07, 0, 2 * np.pi, 17)[:-1], "xy") @ turned((1, 0, 0), np.pi / 2).T
+    ring = lift(arc(0.07, 0, 2 * np.pi, 17)[:-1], "xy") @ about_x(np.pi / 2).T
     yield wire(ring + (0, 0, height + dome + 0.1), 0.012, 8, closed=True)
     perch = rng.uniform(0.25, 0.6) * height
     yield rod((-radius, 0, perch), (radius, 0, perch), 0.018)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from semisynth_gl.geometry.mesh import Mesh, cross
-from semisynth_gl.geometry.parts import turned_about_z
+from semisynth_gl.geometry.rotations import about_z
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
@@ -148,7 +148,7 @@ class FloorSceneBuilder:
         a new one; ``texture`` is the number of an earlier thing whose texture they share.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
-        turn = turned_about_z(yaw_rad)
+        turn = about_z(yaw_rad)
         if self._too_near((-x, -y, 0), (x, y, z), turn, at):
             return None
         first = len(self.things)
@@ -171,7 +171,7 @@ class FloorSceneBuilder:
         number, size_m = picked
         scale = size_m / 2 * (np.ones(3) * stretch)
         low, high = self.catalogue.low[number] * scale, self.catalogue.high[number] * scale
-        origin, turn = np.asarray(at, np.float64) - (0, 0, low[2]), turned_about_z(yaw_rad)
+        origin, turn = np.asarray(at, np.float64) - (0, 0, low[2]), about_z(yaw_rad)
         if self._too_near(low, high, turn, origin):
             return None
         matrix = np.eye(4)

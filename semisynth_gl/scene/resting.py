@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, lengths
+from semisynth_gl.geometry.mesh import Mesh, cross, least_aligned_axis, lengths
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.scene import placed_vertices
 
@@ -74,7 +74,7 @@ def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Flo
     come to rest, by their number.
     """
     # ``turn`` leads to a frame whose z points up.
-    aside = np.cross(up, least_axis(up))
+    aside = np.cross(up, least_aligned_axis(up))
     aside /= np.linalg.norm(aside)
     turn = np.stack([aside, np.cross(up, aside), up])
     centres = np.array([turn @ pose[:3, 3] for pose in poses]).reshape(-1, 3)

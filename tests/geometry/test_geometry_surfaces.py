@@ -4,7 +4,8 @@ from geometry_measures import edge_balance, euler_characteristic, stretch, volum
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from semisynth_gl.geometry.parts import circle, hollow, rectangle, rod, rounded, smooth, turned, turned_about_z
+from semisynth_gl.geometry.parts import circle, hollow, rectangle, rod, rounded, spline
+from semisynth_gl.geometry.rotations import about_z, rotation_about
 from semisynth_gl.geometry.surfaces import (
     BAND_STRETCH,
     extruded,
@@ -58,7 +59,7 @@ def test_lathe_keeps_its_bound_on_any_profile(radii: list[float], steps: list[fl
 @given(st.lists(st.floats(0.2, 1), min_size=3, max_size=6), st.floats(0.01, 0.04))
 @settings(max_examples=40, deadline=None)
 def test_hollow_vessel_has_the_wall_it_was_asked_for(radii: list[float], wall: float) -> None:
-    outside = smooth(np.column_stack([radii, np.linspace(0, 1.5, len(radii))]), 6)
+    outside = spline(np.column_stack([radii, np.linspace(0, 1.5, len(radii))]), 6)
     outside[:, 0] = np.maximum(outside[:, 0], 0.15)
     profile = hollow(outside, wall)
     inner = profile[len(outside) + 2 : -2]
@@ -117,9 +118,9 @@ def test_rods_end_where_they_were_put() -> None:
     assert volume(mesh) > 0
 
 
-def test_the_short_way_about_z_is_that_of_any_axis() -> None:
+def test_about_z_equals_the_rotation_about_any_axis() -> None:
     for angle in [0, -0.0, np.pi / 2, np.pi, -np.pi, *np.random.default_rng(0).uniform(-10, 10, 300)]:
-        long, short = turned((0, 0, 1), angle), turned_about_z(angle)
+        long, short = rotation_about((0, 0, 1), angle), about_z(angle)
         assert (long.T.tobytes(), long.strides) == (short.T.tobytes(), short.strides)
 
 

@@ -1,0 +1,36 @@
+"""Rotations of parts of models: (3, 3) matrices for column vectors, by the right-hand rule."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+import pyrr
+from numpy.typing import ArrayLike
+
+from semisynth_gl.geometry.mesh import Floats, cross, least_aligned_axis, unit
+
+
+def rotation_about(axis: ArrayLike, angle_rad: float) -> Floats:
+    """Return the rotation about an axis through the origin."""
+    # pyrr's matrices are for row vectors.
+    return np.asarray(pyrr.matrix33.create_from_axis_rotation(np.asarray(axis, np.float64), angle_rad), np.float64).T
+
+
+about_x, about_y = partial(rotation_about, (1, 0, 0)), partial(rotation_about, (0, 1, 0))
+
+
+def about_z(angle_rad: float) -> Floats:
+    """Return `rotation_about` the z axis, to the last bit and in the same memory order, ten times as fast."""
+    sine, cosine = 0.0 + np.sin(angle_rad), np.cos(angle_rad)
+    return np.array([[cosine, sine, 0.0], [0.0 - sine, cosine, 0.0], [0.0, 0.0, (1 - cosine) + cosine]]).T
+
+
+def even_turns(count: int, start_rad: float = 0.0) -> Iterator[Floats]:
+    """Yield ``count`` rotations about z, evenly spread over a full turn."""
+    return (about_z(start_rad + 2 * np.pi * i / count) for i in range(count))
+
+
+def z_onto(axis: Floats) -> Floats:
+    """Return a rotation of the z axis onto a unit vector."""
+    x = unit(cross(least_aligned_axis(axis), axis))
+    return np.stack([x, cross(axis, x), axis], axis=1)
