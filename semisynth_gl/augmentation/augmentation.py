@@ -1,4 +1,4 @@
-"""Random changes of pairs for training, sampled for each sequence and epoch: `Augmentation`, and `PRESETS`."""
+"""Random changes of training pairs, sampled for each sequence and epoch: `Augmentation` and `PRESETS`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,43 +17,42 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 Share = Annotated[float, 0, 1]
-Sides = tuple[int, int]
+Size = tuple[int, int]  # height and width, px
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Augmentation(CheckedFields):
-    """Changes of pairs for training. The default changes nothing.
+    """Changes of training pairs. The default changes nothing.
 
-    Ranges are (low, high), from which values are sampled evenly; shares are of samples. The seed, the sequence and the
-    epoch decide all values; the noise depends on the pair, too. All frames of a sequence change alike, so that flow
-    leads from frame to frame.
+    Values are sampled uniformly from ranges (low, high); shares are of samples. Values depend on the seed, the sequence
+    and the epoch; the noise also depends on the pair. All frames of a sequence change alike, so that flow is valid
+    between them.
 
-    The truth stays that of the changed pair at the centre of each pixel, see `semisynth_gl.augmentation.resampling`.
-    Raw images and maps into them are left out: they show the unchanged pair.
+    The changed pair has exact truth at the centre of each pixel, see `semisynth_gl.augmentation.resampling`. Raw images
+    and maps into them are dropped, since they show the unchanged pair.
 
     Attributes:
-        scale: factors of both sides; sampled evenly in the logarithm, and raised where the crop would not fit.
-        stretch: further factors of the width; likewise.
-        mirrored: share of samples that are mirrored; left and right change places. Needs truth of both
-            views and a rectified rig.
-        right_y_px: shifts of the right image, px down, as in a badly rectified rig. The disparity stays the horizontal
-            part; the output ``correspondence``, where the pairs have it, has the vertical one too. Needs rectified
-            rigs.
+        scale: factors of width and height, sampled log-uniformly, and raised if the crop would not fit.
+        stretch: further factors of the width, sampled likewise.
+        mirrored: share of samples that are mirrored, which swaps left and right. Needs truth of both views and a
+            rectified rig.
+        right_y_px: shifts of the right image, px down, as in a badly rectified rig. The disparity is then the
+            horizontal displacement only; the output ``correspondence`` also has the vertical one. Needs rectified rigs.
         right_roll_deg: rotations of the right image about its principal point, clockwise. Needs rectified rigs.
         brightness: factors of all levels.
         contrast: factors of the distance from the mean luminance of both images.
         saturation: factors of the distance from grey.
-        hue_turns: turns of the hue, as shares of the colour circle.
-        white_balance: factors of red, green and blue, each sampled by itself.
+        hue_turns: rotations of the hue, as shares of the colour circle.
+        white_balance: factors of red, green and blue, sampled independently.
         gamma: exponents of the tone curve.
-        asymmetric: share in which each eye's colours (from brightness to gamma) are sampled by themselves.
-        blur_px: standard deviations of a blur, px; of each eye by itself, as is noise.
-        noise: standard deviations of noise, levels.
-        occluded: share of pairs with one or two rectangles in the right image that hide the scene, see `occlusion`.
-        rectangle_px: their sides.
+        asymmetric: share of samples whose eyes have independent colours (from brightness to gamma).
+        blur_px: standard deviations of a blur, px, independent in each eye.
+        noise: standard deviations of noise, levels, independent in each eye.
+        occluded: share of samples with one or two rectangles in the right image that hide the scene.
+        rectangle_px: sides of these rectangles.
 
     Raises:
-        InputError: where a value cannot be used.
+        InputError: if a value cannot be used.
     """
 
     scale: Annotated[Interval, 0.1, 10] = (1, 1)
@@ -73,36 +72,35 @@ class Augmentation(CheckedFields):
     occluded: Share = 0.0
     rectangle_px: Annotated[Interval, 1, 10000] = (50, 100)
 
-    def check(self, crop: Sides | None, sides: Sides) -> None:
-        """Check that crops of a size can be made of images of a size, both (height, width) in px.
-
-        Raises InputError where a change needs a crop, or the crop does not fit at the largest scale.
-        """
+    def check(self, crop: Size | None, image_size: Size) -> None:
+        """Raise InputError if a change needs a crop, or the crop does not fit into the image at the largest scale."""
         if not self._moves:
             return
         if crop is None:
             raise InputError("expected crop=(height, width): scale, stretch, right_y_px and right_roll_deg need it")
-        least = self._least_scale(crop, sides)
+        least = self._least_scale(crop, image_size)
         if least > self.scale[1]:
             raise InputError(
                 f"expected an upper end of {least:.3g} or more, got {self.scale[1]:g}: a crop of {crop[1]} x {crop[0]} "
-                f"px, with {self._margin(sides)} px around it, must fit into {sides[1]} x {sides[0]} px",
+                f"px, with {self._margin(image_size)} px around it, must fit into {image_size[1]} x {image_size[0]} px",
                 argument="scale",
             )
 
-    def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "SequenceChanges":
-        """Sample the changes of a sequence's pairs, from the split's seed, the sequence's number and the epoch.
+    def sample(
+        self, crop: Size | None, image_size: Size, seed: int, sequence: int, epoch: int = 0
+    ) -> "SequenceChanges":
+        """Sample the changes of a sequence's pairs; ``seed`` is the split's.
 
-        `check` must accept the size ``crop`` of the result, None for whole images, and ``sides``, that of the images.
+        ``crop`` is the size of the result, None for whole images; `check` must accept the sizes.
         """
         rng = generator(seed, Purpose.AUGMENTATION, sequence, epoch)
         scale, stretch = (float(np.exp(rng.uniform(*np.log(each)))) for each in (self.scale, self.stretch))
         is_mirrored, is_asymmetric, is_occluded = rng.random(3) < (self.mirrored, self.asymmetric, self.occluded)
-        size, margin = sides if crop is None else crop, self._margin(sides)
-        least = self._least_scale(size, sides) if self._moves else 0.0
-        high, wide = max(scale, least), max(scale * stretch, least)
+        size, margin = image_size if crop is None else crop, self._margin(image_size)
+        least = self._least_scale(size, image_size) if self._moves else 0.0
+        scale_x, scale_y = max(scale * stretch, least), max(scale, least)
         right_y_px, right_roll_deg = rng.uniform(*self.right_y_px), rng.uniform(*self.right_roll_deg)
-        warp = Warp(wide, high, right_y_px, radians(right_roll_deg), margin)
+        warp = Warp(scale_x, scale_y, right_y_px, radians(right_roll_deg), margin)
         tone = self._tone(rng)
         tones = tone, self._tone(rng) if is_asymmetric else tone
         colours = {
@@ -114,32 +112,32 @@ class Augmentation(CheckedFields):
 
     @property
     def _moves(self) -> bool:
-        """Whether pixels move but for the mirror; then the result is a crop."""
+        """Whether pixels move, other than by mirroring; then the result is a crop."""
         return self.scale != (1, 1) or self.stretch != (1, 1) or self._moves_right
 
     @property
     def _moves_right(self) -> bool:
         return self.right_y_px != (0, 0) or self.right_roll_deg != (0, 0)
 
-    def _least_scale(self, crop: Sides, sides: Sides) -> float:
-        """Return the least scale of images at which a crop fits; inf where none is large enough."""
-        room = [side - 2 * self._margin(sides) - 1 for side in sides]  # a part of a pixel takes a whole one
-        return max(side / most for side, most in zip(crop, room, strict=True)) if min(room) > 0 else inf
+    def _least_scale(self, crop: Size, image_size: Size) -> float:
+        """Return the smallest scale of images at which a crop fits; inf if it fits at none."""
+        available = [side - 2 * self._margin(image_size) - 1 for side in image_size]  # sizes are rounded up
+        return max(side / most for side, most in zip(crop, available, strict=True)) if min(available) > 0 else inf
 
-    def _margin(self, sides: Sides) -> int:
+    def _margin(self, image_size: Size) -> int:
         """Return the margin of a moved right image, px: the largest movement at scale 1, and the filters' radius."""
         if not self._moves_right:
             return 0
-        turned = sin(radians(max(map(abs, self.right_roll_deg)))) * sum(sides)
-        return ceil(turned + max(map(abs, self.right_y_px)) / self.scale[0]) + 5
+        by_roll = sin(radians(max(map(abs, self.right_roll_deg)))) * sum(image_size)
+        return ceil(by_roll + max(map(abs, self.right_y_px)) / self.scale[0]) + 5
 
     def _tone(self, rng: np.random.Generator) -> dict[str, Any]:
         names = ("brightness", "contrast", "saturation", "hue_turns", "gamma")
         tone = {name: float(rng.uniform(*getattr(self, name))) for name in names}
         return tone | {"white_balance": tuple(rng.uniform(*self.white_balance, 3).tolist())}
 
-    def _rectangles(self, rng: np.random.Generator, size: Sides) -> tuple[Crop, ...]:
-        """Sample rectangles whose first corner lies in the image, as RAFT-Stereo does."""
+    def _rectangles(self, rng: np.random.Generator, size: Size) -> tuple[Crop, ...]:
+        """Sample rectangles whose top left corner is in the image, as RAFT-Stereo does."""
         rectangles = []
         for _ in range(rng.integers(1, 3)):
             y, x = (int(rng.integers(side)) for side in size)
@@ -150,23 +148,23 @@ class Augmentation(CheckedFields):
 
 @dataclass(frozen=True, slots=True)
 class SequenceChanges:
-    """The changes of a sequence's pairs, in the order in which they are made."""
+    """The changes of a sequence's pairs, in the order in which they are applied."""
 
     mirrored: bool
     warp: Warp
-    size: Sides | None  # of the result; None for that of the image
+    size: Size | None  # of the result; None for the image's size
     rectangles: tuple[Crop, ...]
     colours: Mapping[Eye, Mapping[str, Any]]  # the keyword arguments of `recoloured`
 
     @property
-    def source(self) -> Sides | None:
-        """Height and width of the part of the image that the result is made of, px; None for all of it."""
-        return None if self.size is None else self.warp.source(self.size)
+    def source_size(self) -> Size | None:
+        """Size of the crop that the result is made from; None for the whole image."""
+        return None if self.size is None else self.warp.source_size(self.size)
 
     def applied(self, frame: Frame, rng: np.random.Generator) -> Frame:
-        """Return the changed pair, from one as large as `source` says; ``rng`` is the source of the noise.
+        """Return the changed pair; ``frame`` has the size `source_size`, and ``rng`` samples the noise.
 
-        Raises InputError, which names the change, where the pair lacks what a change needs.
+        Raises InputError if the pair lacks something that a change needs.
         """
         kept = [name for name, channel in CHANNELS.items() if channel.is_truth or name == "image"]
         frame = Frame(frame.camera, *(ViewArrays({n: v[n] for n in kept if n in v}) for v in (frame.left, frame.right)))
@@ -176,7 +174,7 @@ class SequenceChanges:
             frame = self.warp.applied(frame, self.size).with_own_masks()
         frame = occluded(frame, self.rectangles)
         images = {eye: frame.view(eye).image for eye in EYES}
-        # One mean for both eyes, so that changes that are alike leave them alike.
+        # One mean for both eyes, so that equal changes keep equal colours equal.
         contrasts = any(each["contrast"] != 1 for each in self.colours.values())
         mean = mean_luminance(list(images.values())) if contrasts else 0.0
         left, right = (
@@ -187,9 +185,9 @@ class SequenceChanges:
 
 
 PRESETS: Mapping[str, Augmentation] = {
-    # RAFT-Stereo's augmentor with the options of its training (--spatial_scale -0.2 0.4 --saturation_range 0 1.4), also
-    # IGEV-Stereo's. Its right image moves by whole rows, and its width and height stretch by 2 ** +-0.2 each in
-    # four of five samples; here all samples stretch.
+    # The augmentation with which RAFT-Stereo and IGEV-Stereo train (--spatial_scale -0.2 0.4 --saturation_range 0 1.4).
+    # There, right images move by whole rows, and four of five samples are stretched, in width and in height by
+    # 2 ** +-0.2 each. Here all samples are stretched.
     "raft-stereo": Augmentation(
         scale=(2**-0.2, 2**0.4),
         stretch=(2**-0.2, 2**0.2),
@@ -201,12 +199,12 @@ PRESETS: Mapping[str, Augmentation] = {
         asymmetric=0.2,
         occluded=0.5,
     ),
-    # Ours, as benchmarks/training/compare_sets.py chose it: each camera has another exposure, white balance, tone
-    # curve and noise. It does not scale: rendered pairs show many scales already, and scaling them taught no more.
+    # Chosen by benchmarks/training/compare_sets.py: each camera has its exposure, white balance, tone curve and noise.
+    # Scaling did not help, since rendered pairs have many scales already.
     "semisynth": Augmentation(
         brightness=(0.8, 1.2), white_balance=(0.95, 1.05), gamma=(0.75, 1.33), noise=(0, 5), asymmetric=1.0
     ),
-    # PSMNet trains on crops that are not changed.
+    # PSMNet trains on unchanged crops.
     "psmnet": Augmentation(),
 }
-"""Augmentations by name; comments say where each comes from."""
+"""Augmentations by name."""

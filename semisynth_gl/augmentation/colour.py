@@ -1,4 +1,4 @@
-"""Changes of an image's colours: brightness, contrast, saturation and hue at once, then what a camera adds."""
+"""Changes of an image's colours: brightness, contrast, saturation, hue, white balance, gamma, blur and noise."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from PIL import Image, ImageStat
 
 from semisynth_gl.pairs.imperfections import LUMINANCE, Imperfections, apply_imperfections
 
-# The axes of YIQ, from NTSC.
+# NTSC's axes Y, I and Q.
 _YIQ = np.array([LUMINANCE, [0.5959, -0.2746, -0.3213], [0.2115, -0.5227, 0.3112]])
 
 
@@ -32,11 +32,11 @@ def recoloured(
     blur_px: float = 0.0,
     noise: float = 0.0,
 ) -> NDArray[np.uint8]:
-    """Return an image, (H, W, 3) uint8 or of a monochrome camera (H, W), with other colours; see `Augmentation`.
+    """Return an image, (H, W, 3) uint8 or monochrome (H, W), with changed colours; see `Augmentation`.
 
     Contrast scales differences from the luminance ``mean``. Brightness, contrast, saturation, hue and white balance, in
-    this order, are one linear step with one rounding; the other changes are a camera's, see `Imperfections`. Strong
-    saturation and turns of the hue may turn a difference of one level between two images into 5 levels.
+    this order, are one linear step with one rounding; `Imperfections` makes the other changes. Strong saturation and
+    rotation of the hue may increase a difference of one level between two images to 5 levels.
     """
     factor, offset = brightness * contrast, (1 - contrast) * mean * brightness
     if image.ndim == 2:

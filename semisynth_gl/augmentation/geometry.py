@@ -1,6 +1,6 @@
-"""Changes of a pair that keep its truth exact: mirrored, scaled, badly rectified, cropped, partly hidden.
+"""Geometric changes of a pair with exact truth: mirroring, scaling, a moved right image, and hidden rectangles.
 
-The changed pair is one that a camera could have taken: its calibration and all its arrays change by one rule each.
+The calibration changes with the arrays, so a rig could have taken the changed pair.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,40 +20,38 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 
 _FLOWS = ("flow", "flow_backward")
-# By how much three values in a row on one surface may be off a line: disparities and displacements, px, and a share of
-# inverse depths.
+# Tolerances by which neighbouring values on one surface may deviate from a line: px, and a share of inverse depths.
 _SURFACE_PX, _SURFACE_SHARE = 0.1, np.float32(2e-3)
-# Channels in px: scaled by scale_x only, and by scale_x and scale_y.
-_ACROSS, _WAYS = {"disparity", "disparity_change"}, {"correspondence", *_FLOWS}
+# Channels in px, by the factors that scale them: scale_x; scale_x and scale_y.
+_HORIZONTAL, _DISPLACEMENTS = {"disparity", "disparity_change"}, {"correspondence", *_FLOWS}
 
 
 def mirrored(frame: Frame) -> Frame:
-    """Return the pair as a mirror shows it: the eyes change places.
+    """Return the pair mirrored horizontally, with swapped eyes.
 
-    Raises InputError where only the left view has truth, or the right camera deviates from the rectified one.
+    Raises InputError if only the left view has truth, or the rig is not rectified.
     """
     camera, last = frame.camera, frame.camera.width_px - 1
     if set(frame.left) != set(frame.right):
-        raise InputError("expected truth of both views: set truth: both, or leave it out", argument="mirrored")
+        raise InputError("expected pairs with truth of both views (config key truth: both)", argument="mirrored")
     if not camera.rectified:
         raise InputError("expected a rectified rig, got a right camera that deviates", argument="mirrored")
     views = []
     for eye in EYES:
         arrays = {name: np.flip(array, 1).copy() for name, array in frame.view(OTHER_EYE[eye]).items()}
-        for name in arrays.keys() & {*_WAYS, "normals"}:
-            across = arrays[name][..., 0]
-            np.negative(across, out=across, where=np.isfinite(across))
+        for name in arrays.keys() & {*_DISPLACEMENTS, "normals"}:
+            x = arrays[name][..., 0]
+            np.negative(x, out=x, where=np.isfinite(x))
         views.append(ViewArrays(arrays))
-    seen = replace(camera, cx_left_px=last - camera.cx_right_px, cx_right_px=last - camera.cx_left_px)
-    return Frame(seen, *views)
+    return Frame(replace(camera, cx_left_px=last - camera.cx_right_px, cx_right_px=last - camera.cx_left_px), *views)
 
 
 def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
-    """Return a pair with rectangles in its right image, in its mean colour.
+    """Return a pair whose right image has rectangles in its mean colour.
 
-    Left disparities stay. Masks say `OCCLUDED` where a rectangle hides the point of a visible left pixel, or that of a
-    visible right pixel at another frame of the sequence, whose rectangles are the same. Right pixels in a rectangle
-    show nothing of the scene: they lose their truth.
+    Right pixels in a rectangle lose their truth. A visible left pixel becomes `OCCLUDED` if a rectangle hides its point
+    in the right image; it keeps its disparity. All frames of a sequence have the same rectangles, so masks of the right
+    view's flow change likewise.
     """
     if not rectangles:
         return frame
@@ -73,11 +71,13 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
     return Frame(frame.camera, left, frame.right.with_channels(arrays))
 
 
-def _masked(mask: NDArray[np.uint8], way: NDArray[np.floating], hidden: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return a mask, `OCCLUDED` where it says visible, but the way (H, W, 2) leads into what is hidden, (H, W) bool."""
-    y, x = np.nonzero((mask == VISIBLE) & np.isfinite(way).all(axis=2))
-    column, row = np.rint(np.stack([x, y]) + way[y, x].T).astype(np.intp)
-    # Positions beyond the image are clipped into a border of one pixel, which is not hidden.
+def _masked(
+    mask: NDArray[np.uint8], displacement: NDArray[np.floating], hidden: NDArray[np.bool_]
+) -> NDArray[np.uint8]:
+    """Return a mask whose visible pixels are `OCCLUDED` if their displacement (H, W, 2) leads to a hidden pixel."""
+    y, x = np.nonzero((mask == VISIBLE) & np.isfinite(displacement).all(axis=2))
+    column, row = np.rint(np.stack([x, y]) + displacement[y, x].T).astype(np.intp)
+    # Positions outside the image are clipped to a border of one pixel, which is not hidden.
     padded = np.pad(hidden, 1)
     covered = padded[(row + 1).clip(0, padded.shape[0] - 1), (column + 1).clip(0, padded.shape[1] - 1)]
     masked = mask.copy()
@@ -87,23 +87,23 @@ def _masked(mask: NDArray[np.uint8], way: NDArray[np.floating], hidden: NDArray[
 
 @dataclass(frozen=True, slots=True)
 class Warp:
-    """A part of a pair at another scale, whose right image is shifted and turned about its principal point."""
+    """Scales a crop of a pair, and moves its right image: a shift, and a rotation about its principal point."""
 
     scale_x: float = 1.0
     scale_y: float = 1.0
     right_y_px: float = 0.0  # down, px of the changed pair
     right_roll_rad: float = 0.0  # clockwise
-    margin: int = 0  # px around the part, which a moved right image needs
+    margin: int = 0  # px around the crop, which a moved right image needs
 
-    def source(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Return height and width of what a crop of so many px is made of, with the margin on all sides."""
+    def source_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Return the height and width, px, from which a result of height and width ``size`` is made, with margins."""
         height, width = size
         return ceil(height / self.scale_y) + 2 * self.margin, ceil(width / self.scale_x) + 2 * self.margin
 
     def applied(self, frame: Frame, size: tuple[int, int]) -> Frame:
-        """Return the changed pair with the height and width ``size``, px, from one as large as `source` says.
+        """Return the changed pair of height and width ``size``, px, from a pair of the size `source_size`.
 
-        Raises InputError where the right image is moved, and the pair is not rectified or has disparity changes.
+        Raises InputError if the right image is moved, but the pair is not rectified or has disparity changes.
         """
         moves = (self.right_y_px, self.right_roll_rad) != (0, 0)
         if moves and not (frame.camera.rectified and "disparity_change" not in frame.left):
@@ -117,11 +117,11 @@ class Warp:
             view, at = frame.view(eye), (x, y)
             image = view.image
             if moves and eye == "right":
-                image, at = movement.image(image), movement.source(x, y)
+                image, at = movement.image(image), movement.position_before(x, y)
             arrays = _truth(view, SamplePoints(*at, image.shape[:2]))
             if moves and arrays:
                 arrays |= movement.truth(eye, arrays, x, y)
-            for names, factor in ((_ACROSS, scale[0]), (_WAYS, scale)):
+            for names, factor in ((_HORIZONTAL, scale[0]), (_DISPLACEMENTS, scale)):
                 for name in arrays.keys() & names:
                     arrays[name] *= factor
             views.append(ViewArrays({"image": self._resized(image, size)} | arrays))
@@ -140,7 +140,7 @@ class Warp:
 
 
 def _truth(view: ViewArrays, points: SamplePoints) -> dict[str, NDArray[Any]]:
-    """Return all arrays of a view but its image at other points."""
+    """Return all arrays of a view, except its image, at other points."""
     arrays: dict[str, NDArray[Any]] = {}
     for name in view.keys() - {"image"}:
         if view[name].dtype != np.float32 or name == "normals":
@@ -155,61 +155,56 @@ def _truth(view: ViewArrays, points: SamplePoints) -> dict[str, NDArray[Any]]:
 
 
 class _Movement:
-    """The turn and shift of the right image, in px of the unscaled pair."""
+    """The rotation and shift of the right image, in px of the unscaled pair."""
 
     def __init__(self, warp: Warp, camera: StereoCamera) -> None:
         self._cos, self._sin = np.cos(warp.right_roll_rad), np.sin(warp.right_roll_rad)
-        # Off-diagonal terms of the rotation in px. They differ where fy is not fx.
-        self._fall = self._sin * camera.fy_over_fx
-        self._lean = self._sin / camera.fy_over_fx
+        # The off-diagonal terms of the rotation in px, which differ if fy is not fx.
+        self._y_of_x = self._sin * camera.fy_over_fx
+        self._x_of_y = self._sin / camera.fy_over_fx
         self._cx, self._cy, self._down = camera.cx_right_px, camera.cy_px, warp.right_y_px / warp.scale_y
 
-    def source(self, x: Positions, y: Positions) -> tuple[Positions, Positions]:
-        """Return where in the right image the points of the moved image come from."""
-        across, along = x - self._cx, y - self._cy - self._down
-        return self._cx + self._cos * across + self._lean * along, self._cy - self._fall * across + self._cos * along
+    def position_before(self, x: Positions, y: Positions) -> tuple[Positions, Positions]:
+        """Return the positions in the right image of points of the moved image."""
+        dx, dy = x - self._cx, y - self._cy - self._down
+        return self._cx + self._cos * dx + self._x_of_y * dy, self._cy - self._y_of_x * dx + self._cos * dy
 
     def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the moved right image; beyond the border, the last pixel is repeated."""
-        channels = image.reshape(*image.shape[:2], -1).astype(np.float32)
-        # ndimage counts rows before columns.
-        turn = np.array([[self._cos, -self._fall], [self._lean, self._cos]])
-        column, row = self.source(np.zeros(()), np.zeros(()))
-        values = [
-            ndimage.affine_transform(each, turn, (row, column), mode="nearest") for each in np.moveaxis(channels, 2, 0)
-        ]
+        """Return the moved right image; its border pixels continue beyond the border."""
+        channels = np.moveaxis(image.reshape(*image.shape[:2], -1).astype(np.float32), 2, 0)
+        # In the order of rows and columns.
+        turn = np.array([[self._cos, -self._y_of_x], [self._x_of_y, self._cos]])
+        offset = self.position_before(np.zeros(()), np.zeros(()))[::-1]
+        values = [ndimage.affine_transform(each, turn, offset, mode="nearest") for each in channels]
         moved: NDArray[np.uint8] = np.rint(np.stack(values, axis=2)).clip(0, 255).astype(np.uint8)
         return moved.reshape(image.shape)
 
     def truth(
         self, eye: Eye, arrays: Mapping[str, NDArray[Any]], x: Positions, y: Positions
     ) -> dict[str, NDArray[Any]]:
-        """Return the truth of a view that the movement changes.
+        """Return those arrays of a view's truth that the movement changes.
 
-        ``arrays`` is its truth before the movement, at the points that the pixels in columns x and rows y show.
+        ``arrays`` is the truth before the movement, at the points that the pixels in columns ``x`` and rows ``y`` show.
         """
         disparity = np.where(np.isfinite(arrays["disparity"]), arrays["disparity"], np.nan).astype(np.float64)
         if eye == "left":
-            across, along = x - disparity - self._cx, y - self._cy
-            way_x = self._cx + self._cos * across - self._lean * along - x
-            way_y = self._cy + self._down + self._fall * across + self._cos * along - y
+            dx, dy = x - disparity - self._cx, y - self._cy
+            to_x = self._cx + self._cos * dx - self._x_of_y * dy - x
+            to_y = self._cy + self._down + self._y_of_x * dx + self._cos * dy - y
         else:
-            source_x, source_y = self.source(x, y)
-            way_x, way_y = source_x + disparity - x, source_y + 0 * disparity - y
-        moved, way = -way_x if eye == "left" else way_x, np.stack([way_x, way_y], axis=-1)
-        if not (disparity < 0).any():  # only signed disparities may be 0 or less
+            before_x, before_y = self.position_before(x, y)
+            to_x, to_y = before_x + disparity - x, before_y + 0 * disparity - y
+        moved, correspondence = -to_x if eye == "left" else to_x, np.stack([to_x, to_y], axis=-1)
+        if not (disparity < 0).any():  # unsigned disparities are above 0
             moved[~(moved > 0)] = np.nan
-        way[np.isnan(moved)] = np.nan
-        changed = {"disparity": moved, "correspondence": way}
+        correspondence[np.isnan(moved)] = np.nan
+        changed = {"disparity": moved, "correspondence": correspondence}
         if eye == "right":
-            in_px = np.array([[self._cos, -self._lean], [self._fall, self._cos]])
+            in_px = np.array([[self._cos, -self._x_of_y], [self._y_of_x, self._cos]])
             in_metres = np.array([[self._cos, -self._sin], [self._sin, self._cos]])
             for name, turn in (("normals", in_metres), *((name, in_px) for name in _FLOWS)):
                 if name in arrays:
                     changed[name] = np.where(np.isfinite(arrays[name]), arrays[name], np.nan)
                     changed[name][..., :2] = changed[name][..., :2] @ turn.T
-        return {
-            name: np.where(np.isnan(array), np.inf, array).astype(np.float32)
-            for name, array in changed.items()
-            if name in arrays
-        }
+        kept = {name: array for name, array in changed.items() if name in arrays}
+        return {name: np.where(np.isnan(array), np.inf, array).astype(np.float32) for name, array in kept.items()}

@@ -1,4 +1,4 @@
-"""Things that stand in rooms: tables, chairs, shelves, lamps, frames."""
+"""Furniture and other things in rooms: tables, chairs, shelves, lamps, frames."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from semisynth_gl.geometry.surfaces import box, extruded, extruded_cells, lathe,
 
 
 def table(rng: np.random.Generator) -> Parts:
-    """A table: a round top on a column, or an oblong top on four legs that may splay."""
+    """A table: a round top on a column, or a rectangular top on four legs, which may splay."""
     height = rng.uniform(0.5, 1.1)
     thick = rng.uniform(0.03, 0.07)
     if rng.random() < 0.35:
@@ -31,7 +31,7 @@ def table(rng: np.random.Generator) -> Parts:
 
 
 def chair(rng: np.random.Generator) -> Parts:
-    """A chair whose back is made of slats, bars or one board; some have arms."""
+    """A chair with a back of slats, bars or one board; some have arms."""
     width, depth, seat = rng.uniform(0.4, 0.55), rng.uniform(0.4, 0.55), rng.uniform(0.4, 0.5)
     back, leg, lean = rng.uniform(0.35, 0.65), rng.uniform(0.012, 0.028), rng.uniform(0.02, 0.15)
     x, y = width / 2 - leg, depth / 2 - leg
@@ -61,7 +61,7 @@ def chair(rng: np.random.Generator) -> Parts:
 
 
 def bookcase(rng: np.random.Generator) -> Parts:
-    """A bookcase, closed at its back, with upright books and gaps between them."""
+    """A bookcase with a back, and upright books with gaps between them."""
     width, depth, board = rng.uniform(0.6, 1.2), rng.uniform(0.2, 0.3), 0.025
     shelves, gap = int(rng.integers(2, 6)), rng.uniform(0.26, 0.34)
     height = shelves * gap
@@ -81,7 +81,7 @@ def bookcase(rng: np.random.Generator) -> Parts:
 
 
 def shelf(rng: np.random.Generator) -> Parts:
-    """An open rack of boards on thin posts, with a few jars, tins and boxes on it."""
+    """Boards on thin posts, with jars, balls and boxes on them."""
     width, depth, height = rng.uniform(0.6, 1.1), rng.uniform(0.25, 0.4), rng.uniform(0.8, 1.5)
     levels, post = int(rng.integers(2, 5)), rng.uniform(0.008, 0.02)
     feet = [(x * width / 2, y * depth / 2) for x in (-1, 1) for y in (-1, 1)]
@@ -102,7 +102,7 @@ def shelf(rng: np.random.Generator) -> Parts:
 
 
 def lamp(rng: np.random.Generator) -> Parts:
-    """A lamp with a hollow shade: straight on its foot, or hanging from a bent arm."""
+    """A lamp with a hollow shade on a straight or bent stem."""
     height, shade, tall = rng.uniform(0.7, 1.5), rng.uniform(0.18, 0.32), rng.uniform(0.18, 0.35)
     neck, wall, stem = shade * rng.uniform(0.35, 0.85), 0.008, rng.uniform(0.01, 0.02)
     base = rng.uniform(0.13, 0.22)
@@ -122,12 +122,12 @@ def lamp(rng: np.random.Generator) -> Parts:
 
 
 def picture_frame(rng: np.random.Generator) -> Parts:
-    """An empty frame, oval or rectangular, with up to three bars across it, some on two legs like an easel's."""
+    """An empty oval or rectangular frame with up to three bars; some stand on two legs like an easel."""
     width, height, thick = rng.uniform(0.6, 1), rng.uniform(0.6, 1), rng.uniform(0.03, 0.08)
     rim = rng.uniform(0.06, 0.16)
     unit = circle(1, 48)
     if rng.random() < 0.6:
-        # on the square of side 2, so that straight sides stay straight and corners are hit
+        # Moves the points to a square of side 2; some are its corners.
         unit /= np.abs(unit).max(axis=1, keepdims=True)
     outer, inner = unit * (width / 2, height / 2), unit * (width / 2 - rim, height / 2 - rim)
     yield extruded(outer, thick, inner)
@@ -141,7 +141,7 @@ def picture_frame(rng: np.random.Generator) -> Parts:
 
 
 def lattice_panel(rng: np.random.Generator) -> Parts:
-    """A board in one piece with rectangular holes in rows and columns, some of them closed."""
+    """A board with rows and columns of rectangular holes, some of which are missing."""
     rows, columns = int(rng.integers(2, 8)), int(rng.integers(2, 8))
     solid = np.ones((2 * rows + 1, 2 * columns + 1), bool)
     solid[1::2, 1::2] = rng.random((rows, columns)) >= rng.uniform(0.6, 1)
@@ -152,7 +152,7 @@ def lattice_panel(rng: np.random.Generator) -> Parts:
 
 
 def clothes_rack(rng: np.random.Generator) -> Parts:
-    """A rail on two bent ends with hangers of wire along it."""
+    """A rail on two pairs of legs, with wire hangers."""
     width, height, pipe = rng.uniform(0.8, 1.4), rng.uniform(0.9, 1.3), rng.uniform(0.012, 0.02)
     yield rod((-width / 2, 0, height), (width / 2, 0, height), pipe, sides=10)
     for side in (-1, 1):

@@ -9,7 +9,7 @@ from semisynth_gl.geometry.surfaces import box, extruded, grid_surface, lathe
 
 
 def gear(rng: np.random.Generator) -> Parts:
-    """A toothed ring, or a toothed ring on spokes about a hub."""
+    """A toothed ring, or a toothed ring with spokes and a hub."""
     teeth, root, thick = int(rng.integers(8, 28)), rng.uniform(0.75, 0.88), rng.uniform(0.1, 0.4)
     pitch = 2 * np.pi / teeth
     corners = (np.array([0.1, 0.4, 0.55, 0.85]) * pitch + np.arange(teeth)[:, None] * pitch).ravel()
@@ -36,7 +36,7 @@ def torus_knot(rng: np.random.Generator) -> Parts:
 
 
 def spring(rng: np.random.Generator) -> Parts:
-    """A coil of wire: a straight helix, or one that widens like a cone."""
+    """A coil of wire: a cylindrical or conical helix."""
     turns, radius, pitch = rng.uniform(4, 11), rng.uniform(0.3, 0.6), rng.uniform(0.12, 0.25)
     t = np.linspace(0, turns, int(24 * turns))
     wide = radius * (1 + rng.choice([0.0, rng.uniform(-0.6, 0.6)]) * t / turns)
@@ -45,7 +45,7 @@ def spring(rng: np.random.Generator) -> Parts:
 
 
 def chain(rng: np.random.Generator) -> Parts:
-    """Links that hang in each other along an arc."""
+    """Linked rings along an arc."""
     links, bar = int(rng.integers(5, 13)), rng.uniform(0.03, 0.045)
     bow, straight = rng.uniform(0.2, 0.25), rng.uniform(0.15, 0.4)
     ends = ((-0.5, 0.5, straight / 2), (0.5, 1.5, -straight / 2))
@@ -61,7 +61,7 @@ def chain(rng: np.random.Generator) -> Parts:
 
 
 def spoked_wheel(rng: np.random.Generator) -> Parts:
-    """A bicycle's wheel: tyre, hub and crossing spokes of wire."""
+    """A bicycle wheel: tyre, hub and crossing spokes of wire."""
     spokes, tyre = 2 * int(rng.integers(8, 19)), rng.uniform(0.03, 0.08)
     hub, half, most_lead = rng.uniform(0.05, 0.1), rng.uniform(0.06, 0.12), rng.uniform(0, 0.8)
     bobbin = [(0.02, -half - 0.05), (hub, -half), (0.6 * hub, 0), (hub, half), (0.02, half + 0.05)]
@@ -74,7 +74,7 @@ def spoked_wheel(rng: np.random.Generator) -> Parts:
 
 
 def umbrella(rng: np.random.Generator) -> Parts:
-    """An open umbrella: a canopy of gores, ribs, struts and a stick with a crook or a knob."""
+    """An open umbrella: canopy, ribs, struts, and a stick with a crook or a knob."""
     ribs, deep, stick = int(rng.integers(6, 11)), rng.uniform(0.25, 0.45), rng.uniform(1, 1.4)
     share = np.linspace(0.03, 1, 9)
     curve = np.stack([share, deep * (1 - share**1.8)], axis=1)
@@ -94,7 +94,7 @@ def umbrella(rng: np.random.Generator) -> Parts:
 
 
 def bolt(rng: np.random.Generator) -> Parts:
-    """A hexagon bolt with rings for a thread, and the nut on it."""
+    """A hexagon bolt with a nut; rings imitate the thread."""
     length, shank = rng.uniform(1, 2.2), rng.uniform(0.2, 0.3)
     pitch, depth = rng.uniform(0.05, 0.09), 0.1 * shank
     threaded = length * rng.uniform(0.5, 0.9)
@@ -105,13 +105,14 @@ def bolt(rng: np.random.Generator) -> Parts:
     yield lathe(profile, 32)
     yield placed(extruded(circle(1.8 * shank, 6), rng.uniform(0.9, 1.4) * shank), (0, 0, length - 0.01))
     angle = np.arange(24) * 2 * np.pi / 24
+    # A hexagon with as many points as the round hole.
     hexagon = from_polar(np.cos(np.pi / 6) / np.cos((angle % (np.pi / 3)) - np.pi / 6), angle)
     nut = extruded(hexagon * 1.8 * shank, 1.5 * shank, circle(shank, 24))
     yield placed(nut, (0, 0, rng.uniform(0.1, 0.6) * threaded), rotation=about_z(0.4))
 
 
 def fan(rng: np.random.Generator) -> Parts:
-    """A fan on its stand: twisted blades behind a guard of wire rings and spokes."""
+    """A fan on a stand: twisted blades in a guard of wire rings and spokes."""
     blades, guard, tall = int(rng.integers(3, 7)), rng.uniform(0.02, 0.05), rng.uniform(0.6, 1.2)
     twist = rng.uniform(0.4, 0.9)
     r = np.linspace(0.08, 0.42, 8)
@@ -138,7 +139,7 @@ def fan(rng: np.random.Generator) -> Parts:
 
 
 def cable(rng: np.random.Generator) -> Parts:
-    """A flex that wanders through space, with a plug of two pins at its end."""
+    """A cable along a random curve, with a two-pin plug at its end."""
     knots = np.cumsum(rng.normal(0, (0.06, 0.22, 0.22), (int(rng.integers(7, 13)), 3)) + (0.35, 0, 0), axis=0)
     path = spline(knots, 10)
     thick = rng.uniform(0.02, 0.035)
@@ -152,7 +153,7 @@ def cable(rng: np.random.Generator) -> Parts:
 
 
 def flat_coil(rng: np.random.Generator) -> Parts:
-    """One long wire wound into a flat oblong spiral, like the heating element of a stove."""
+    """A wire wound into a flat oblong spiral, like the heating element of a stove."""
     rounds, gap, long = int(rng.integers(2, 6)), rng.uniform(0.16, 0.24), rng.uniform(0.6, 1.4)
     curve = [np.array([[-long / 2, 0.5 * gap]])]
     for i in range(rounds):
@@ -163,7 +164,7 @@ def flat_coil(rng: np.random.Generator) -> Parts:
 
 
 def grating(rng: np.random.Generator) -> Parts:
-    """Slanted louvres in a frame, as in front of a vent."""
+    """Slanted louvres in a frame, as on a vent."""
     width, height, depth = rng.uniform(0.7, 1.2), rng.uniform(0.7, 1.2), rng.uniform(0.05, 0.12)
     yield from [box((0.06, depth, height), (side * width / 2, 0, 0)) for side in (-1, 1)]
     yield from [box((width - 0.06, 0.98 * depth, 0.06), (0, 0, side * (height / 2 - 0.03))) for side in (-1, 1)]
@@ -174,7 +175,7 @@ def grating(rng: np.random.Generator) -> Parts:
 
 
 def hook_rail(rng: np.random.Generator) -> Parts:
-    """A board with hooks of bent wire in a row."""
+    """A board with a row of hooks of bent wire."""
     width = rng.uniform(0.9, 1.6)
     yield box((width, 0.04, rng.uniform(0.12, 0.25)), (0, 0, 0))
     long, drop = rng.uniform(0.1, 0.2), rng.uniform(0.15, 0.3)

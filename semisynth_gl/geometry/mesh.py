@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.arguments import check_magnitudes, to_array
 from semisynth_gl.inputs.errors import InputError
 
-# Maximum distance of vertices from the origin, in halves of the mesh's extent. float32 rounds a number by up to 2^-24 of
-# its size, so at this distance vertices are off by up to 2^-10 of half the extent.
+# Maximum distance of vertices from the origin, in halves of the mesh's extent. float32 rounds numbers by up to 2^-24 of
+# their size, so vertices are off by up to 2^-10 of half the extent.
 _FARTHEST = 1 << 14
 
 Floats = NDArray[np.float64]

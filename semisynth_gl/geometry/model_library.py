@@ -1,4 +1,4 @@
-"""The models that a dataset draws from: built or read once for a config and a seed, then loaded from the cache."""
+"""The models of a dataset: built or read once for a config and a seed, then loaded from the cache."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -22,27 +22,25 @@ from semisynth_gl.plugins import find_plugin
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
-FULL_FAMILY = 25
-"""Number of the user's models from which on their family has its full weight; fewer have a proportional part of it. It
-lies between the numbers of kinds of the two built-in families."""
-
-# `Split.select`'s purposes for the user's models and for a plug-in's; the two families of kinds have 0 and 1.
+# The weight of the user's models is reduced in proportion if they are fewer than this.
+_FULL_FAMILY = 25
+# The purposes in `Split.select` for the user's models and for plug-ins' models; the built-in families have 0 and 1.
 _USER, _PLUGIN = 2, 3
 _ARRAYS = ("positions", "uv", "triangles")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelLibrary:
-    """Models, and the chances by which they are sampled.
+    """Models, and the chances with which they are sampled.
 
     Attributes:
         models: all models, each normalised to radius 1.
         sampled: (M,) int64, the models that are sampled, as indices into ``models``; other recipes may sample the rest.
-        chances: (M,) float64, sum 1, the chance of each sampled model; a family's models share its weight in proportion
-            to the weights of their kinds.
+        chances: (M,) float64, sum 1, the chance of each sampled model; the models of a family share its weight in
+            proportion to the weights of their kinds.
         relief: the mean relief of the sampled models.
-        skipped: the user's files that have no usable model, and why.
-        user_count: number of the user's models; they come first among the chosen models.
+        skipped: the user's files that have no usable model, with reasons.
+        user_count: number of the user's models, which are first in ``sampled``.
     """
 
     models: tuple[Mesh, ...]
@@ -56,9 +54,9 @@ class ModelLibrary:
 def build_library(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
     """Build the models that a config asks for in a split, or load them from the cache.
 
-    ``particles`` tells how models are stretched, on which their mean relief depends. All models of the library are
-    sampled. Raises InputError where a folder does not exist, the folders have no usable model, no model has a weight, a
-    plug-in cannot be used, or models are too few for all splits.
+    ``particles`` states how models are stretched, which changes their mean relief. All models of the library are
+    sampled. Raises InputError if a folder does not exist, the folders have no usable model, no model has a weight, a
+    plug-in cannot be used, or there are too few models for all splits.
     """
     files = [sorted(files_below(expanded(folder))) for folder in section.folders]
 
@@ -68,7 +66,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
             "stretch": particles.model_dump(mode="json", include={"stretch", "thinness"}),
             "seed": split.dataset_seed,
             "split": [split.name, sorted(split.held_out.items()) if split.models else []],
-            # Only the reader of a model knows which files it opens, so all count.
+            # All files, since a model's file may refer to any of them.
             "files": [[[str(path.absolute()) for path in group], file_states(group)] for group in files],
         }
 
@@ -85,39 +83,34 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
 def build_libraries(
     recipes: Sequence[tuple[ModelsSection, ParticlesSection]], split: Split
 ) -> tuple[ModelLibrary, ...]:
-    """Build the library of each recipe, see `build_library`; recipes are given by their sections.
+    """Build the library of each recipe, given its sections; see `build_library`.
 
-    The libraries share their ``models``, which hold every model that any recipe draws, once. Each recipe draws the same
-    models by the same chances as without the other recipes.
+    The libraries have the same ``models``: every model that any recipe samples. Each recipe samples the same models
+    with the same chances as without the other recipes.
     """
-    likes = [(section, particles.stretch, particles.thinness) for section, particles in recipes]
-    first_like = [likes.index(like) for like in likes]
-    built = {first: build_library(*recipes[first], split) for first in dict.fromkeys(first_like)}
-    numbers, models = dict[tuple[object, ...], int](), list[Mesh]()
-    sampled = dict[int, list[int]]()
+    settings = [(section, particles.stretch, particles.thinness) for section, particles in recipes]
+    first_equal = [settings.index(each) for each in settings]
+    built = {first: build_library(*recipes[first], split) for first in dict.fromkeys(first_equal)}
+    models, keys = dict[object, Mesh](), dict[int, list[object]]()
     for first, library in built.items():
-        seen, sampled[first] = Counter[tuple[object, ...]](), []
+        seen, keys[first] = Counter[object](), []
         for mesh in library.models:
             content = (mesh.name, *(getattr(mesh, name).tobytes() for name in _ARRAYS))
-            # A library may have several equal models, each with its own chance.
-            key = (*content, seen[content])
+            # A library may have several equal models, each with a chance.
             seen[content] += 1
-            if key not in numbers:
-                numbers[key] = len(models)
-                models.append(mesh)
-            sampled[first].append(numbers[key])
-    return tuple(
-        replace(built[first], models=tuple(models), sampled=np.array(sampled[first], np.int64)) for first in first_like
-    )
+            keys[first].append((content, seen[content]))
+        models |= zip(keys[first], library.models, strict=True)
+    numbers = {key: number for number, key in enumerate(models)}
+    sampled = {first: np.array([numbers[key] for key in keys[first]], np.int64) for first in built}
+    return tuple(replace(built[first], models=tuple(models.values()), sampled=sampled[first]) for first in first_equal)
 
 
 def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
-    """Build ``variants`` models of a plug-in's family, or a split's share of them.
+    """Build the models of a plug-in's family for a split; `make_model` normalises them.
 
-    Where models are held out, ``variants`` models of the dataset's seed are shared out among the splits; else each
-    split makes ``variants`` models from its seed. The models are normalised, as by `make_model`.
-
-    Raises InputError where no plug-in has the name, or the models are too few for all splits.
+    If models are held out, the splits divide ``variants`` models, made from the dataset's seed. Otherwise each split
+    has ``variants`` models, made from its own seed. Raises InputError if no plug-in has the name, or there are too few
+    models for all splits.
     """
     build = find_plugin("models", name).value
     seed, numbers = split.seed, list(range(variants))
@@ -129,7 +122,7 @@ def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
 
 
 def _packed(library: ModelLibrary) -> CacheEntry:
-    """Return the library as an entry, in whose arrays the models follow one another."""
+    """Return the library as a cache entry, whose arrays are those of all models, concatenated."""
     values = {
         "rows": {name: [len(getattr(mesh, name)) for mesh in library.models] for name in _ARRAYS},
         "models": [[mesh.name, mesh.solid] for mesh in library.models],
@@ -161,11 +154,11 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
         from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415 - trimesh is slow to load
 
         user, skipped = load_models([expanded(folder) for folder in section.folders])
-    # The weight counts the models of all splits, so that held-out models are as frequent as the rest.
-    user_weight = section.user * min(1.0, len(user) / FULL_FAMILY)
+    # Computed before the splits divide the models, so that the weight is the same in all splits.
+    user_weight = section.user * min(1.0, len(user) / _FULL_FAMILY)
     held_out = split.models and bool(split.held_out)
     if held_out and user:
-        user = split.select(user, "models of the user's", _USER)
+        user = split.select(user, "models of the user", _USER)
     weights = kind_weights(section.kinds)
     families = [(user_weight, user, [1.0] * len(user))]
     for purpose, (builders, weight) in enumerate(((SIMPLE_KINDS, section.simple), (COMPLEX_KINDS, section.complex))):
@@ -176,7 +169,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
             (name, number) for name in names if weight * weights[name] > 0 for number in range(section.variants)
         ]
         if variants:
-            # The key has the kind's name, not its position: a further kind changes no model of other kinds.
+            # The generator depends on the kind's name, not on its position, so that a new kind changes no other models.
             models = [builders[name](generator(split.seed, Purpose.MODELS, name, number)) for name, number in variants]
             families.append((weight, list(map(marked_solid, models)), [weights[name] for name, _ in variants]))
     for name, weight in section.families.items():
@@ -185,8 +178,8 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
             families.append((weight, models, [1.0] * len(models)))
     if not any(weight > 0 and models for weight, models, _ in families):
         raise InputError(
-            "there are no models to draw: no family of models with a weight above 0 has any; name a folder with models "
-            "in models.folders, or raise a weight of the section models"
+            "there are no models to sample: no family with a weight above 0 has any; name a folder with models in "
+            "models.folders, or raise a weight of the section models"
         )
     library = [mesh for _, models, _ in families for mesh in models]
     chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])

@@ -1,4 +1,4 @@
-"""Things seen in streets: cars, houses, signs, street lamps, benches, bicycles, bins. Each is built to face -y."""
+"""Objects in streets: cars, houses, signs, street lamps, benches, bicycles, bins. Each faces -y."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -11,14 +11,12 @@ from semisynth_gl.geometry.parts import circle, lift, placed, rectangle, rod, sp
 from semisynth_gl.geometry.rotations import about_x, about_y
 from semisynth_gl.geometry.surfaces import box, extruded, lathe
 
-_LYING = about_y(np.pi / 2)
 
-
-def _across(outline: ArrayLike, width: float) -> Mesh:
-    """Extrude a side view, (P, 2) points in y and z, to a body ``width`` wide along x, its middle at x = 0."""
+def _extruded_along_x(outline: ArrayLike, width: float) -> Mesh:
+    """Extrude a side view, (P, 2) points in y and z, from x = -width / 2 to width / 2."""
     side = np.asarray(outline, np.float64)
     middle = (side.min(axis=0) + side.max(axis=0)) / 2
-    # (y, z, x) is a turn of (x, y, z), so nothing is mirrored.
+    # This rotation maps the axes x, y, z of the extrusion to y, z, x.
     turn = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])
     return placed(extruded(side - middle, width), (-width / 2, *middle), rotation=turn)
 
@@ -26,7 +24,7 @@ def _across(outline: ArrayLike, width: float) -> Mesh:
 def _wheel(radius: float, width: float, at: ArrayLike) -> Mesh:
     half = [(0, 0.1 * width), (0.6 * radius, 0.2 * width), (0.68 * radius, 0), (radius, 0.1 * width)]
     profile = np.array([*half, *((r, width - z) for r, z in half[::-1])]) - (0, width / 2)
-    return placed(lathe(profile, 20), at, rotation=_LYING)
+    return placed(lathe(profile, 20), at, rotation=about_y(np.pi / 2))
 
 
 def car(rng: np.random.Generator) -> Parts:
@@ -40,10 +38,10 @@ def car(rng: np.random.Generator) -> Parts:
         bonnet, boot, roof = 0.14 * long, 0.0, rng.uniform(1.9, 2.4)
     tail = spline([(rear, sill), (rear + 0.02, 0.65 * belt), (rear - 0.04, belt)], 3)
     nose = spline([(front + bonnet, belt), (front + 0.12, 0.82 * belt), (front - 0.02, 0.6 * belt), (front, sill)], 3)
-    yield _across([*tail, *nose], wide)
+    yield _extruded_along_x([*tail, *nose], wide)
     top = (front + bonnet + slope, rear - boot - 0.5 * slope)
     glass = [(rear - boot - 0.05, belt - 0.03), (top[1], roof), (top[0], roof), (front + bonnet, belt - 0.03)]
-    yield _across(glass, 0.88 * wide)
+    yield _extruded_along_x(glass, 0.88 * wide)
     for x, y in product((-1, 1), (-1.05, 0.95)):
         yield _wheel(radius, 0.2, (x * (wide / 2 - 0.06), y * 0.31 * long, radius))
     yield from [box((0.24, 0.1, 0.14), (x * (wide / 2 + 0.06), front + bonnet + 0.25, belt - 0.05)) for x in (-1, 1)]
@@ -64,9 +62,9 @@ def house(rng: np.random.Generator) -> Parts:
     if rng.random() < 0.6:
         rise, over = rng.uniform(0.25, 0.55) * deep, 0.35
         gable = [(-deep / 2 - over, high), (deep / 2 + over, high), (0, high + rise)]
-        yield _across(gable, wide + 2 * over)
+        yield _extruded_along_x(gable, wide + 2 * over)
         yield box((0.7, 0.7, rise), (rng.uniform(-0.35, 0.35) * wide, 0.2 * deep, high + 0.75 * rise))
-        # the walls end within the roof, below its slope
+        # The walls end inside the roof, below its slopes.
         top = high + 0.5 * rise * over / (deep / 2 + over)
     else:
         yield box((wide + 0.4, deep + 0.4, 0.3), (0, 0, high + 0.15))
@@ -85,21 +83,18 @@ def house(rng: np.random.Generator) -> Parts:
 
 
 def _window(size: Floats, at: Sequence[float]) -> Parts:
-    """A frame, a cross and a sill at ``at``, sunk into a wall perpendicular to y; each stands out by its own length.
-
-    ``size`` is (2,): width and height.
-    """
+    """Yield frame, bars and sill of a window of width and height ``size``, (2,), in a wall perpendicular to y."""
     wide, high = size
     rim = rectangle(2, 2) * size / 2
-    # extruded along z, which becomes y; half of its depth is in front of the wall, half behind its face
+    # The extrusion along z becomes one along y. Half of it is in front of the wall's face.
     frame = placed(extruded(rim + 0.09 * np.sign(rim), 0.32, rim), (0, 0.16, 0), rotation=about_x(np.pi / 2))
-    cross = [box((0.08, 0.22, high + 0.1)), box((wide + 0.1, 0.12, 0.08), (0, 0, 0.15 * high))]
+    bars = [box((0.08, 0.22, high + 0.1)), box((wide + 0.1, 0.12, 0.08), (0, 0, 0.15 * high))]
     sill = box((wide + 0.4, 0.5, 0.1), (0, 0, -high / 2 - 0.09))
-    yield from [placed(part, at) for part in (frame, *cross, sill)]
+    yield from [placed(part, at) for part in (frame, *bars, sill)]
 
 
 def road_sign(rng: np.random.Generator) -> Parts:
-    """One or two signs on a post: round, three-cornered, eight-cornered or square."""
+    """One or two signs on a post: round, triangular, octagonal or square."""
     post = rng.uniform(2.0, 2.8)
     yield rod((0, 0, 0.02), (0, 0, post), 0.035, sides=12)
     yield lathe([(0, 0), (0.12, 0), (0.12, 0.04), (0, 0.08)], 16)
@@ -108,7 +103,7 @@ def road_sign(rng: np.random.Generator) -> Parts:
         size = rng.uniform(0.3, 0.42)
         corners = (36, 3, 8, 4)[int(rng.integers(4))]
         plate = extruded(circle(size, corners, np.pi / 2 if corners == 3 else np.pi / corners), 0.04)
-        # its back lies within the post
+        # The back of the plate is inside the post.
         yield placed(plate, (0, -0.01, level - size), rotation=about_x(np.pi / 2))
         level -= 2 * size + 0.06
 
@@ -132,7 +127,7 @@ def bench(rng: np.random.Generator) -> Parts:
         plank = placed(box((long, 0.03, 0.09)), rotation=about_x(-lean))
         yield placed(plank, (0, 0.24 + share * back * lean, seat + share * back))
     for x in (-0.4 * long, 0.4 * long):
-        # all ends lie within planks or other rods
+        # All ends are inside planks or other rods.
         yield from [rod((x, y, 0), (x, y, seat - 0.005), 0.025) for y in (-0.21, 0.2)]
         yield rod((x, -0.21, seat - 0.025), (x, 0.2, seat - 0.025), 0.018)
         yield rod((x, 0.2, seat - 0.01), (x, 0.25 + back * lean, seat + back), 0.022)
@@ -163,11 +158,11 @@ def bicycle(rng: np.random.Generator) -> Parts:
 
 
 def bin(rng: np.random.Generator) -> Parts:  # noqa: A001 - the kind's name is the thing's
-    """A wheeled bin with a lid, open or shut."""
+    """A wheeled bin with an open or shut lid."""
     wide, deep, high = rng.uniform(0.45, 0.6), rng.uniform(0.5, 0.75), rng.uniform(0.85, 1.1)
     side = [(-0.42 * deep, 0.08), (0.42 * deep, 0.08), (0.5 * deep, high), (-0.5 * deep, high)]
-    yield _across(side, wide)
-    # the hinge lies within the bin, so that the lid, shut, sinks into it there
+    yield _extruded_along_x(side, wide)
+    # The hinge is inside the bin, so a shut lid overlaps the bin there.
     lid = placed(box((wide + 0.06, deep + 0.1, 0.05)), (0, -deep / 2, 0.01))
     opened = about_x(-rng.uniform(0.9, 1.9) if rng.random() < 0.3 else -0.02)
     yield placed(lid, (0, deep / 2, high), rotation=opened)

@@ -1,4 +1,4 @@
-"""Things that grow: potted plants, trees, cacti, grass, flowers."""
+"""Plants: potted plants, trees, cacti, grass, flowers."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,35 +9,35 @@ from semisynth_gl.geometry.rotations import about_y, about_z, rotation_about, z_
 from semisynth_gl.geometry.surfaces import grid_surface, lathe, sweep
 
 GOLDEN_TURN_RAD = np.pi * (3 - np.sqrt(5))
-"""Angle between successive leaves around the stem of many plants, rad."""
+"""Angle between successive leaves on the stem of many plants, rad."""
 
 
 def _leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:
-    """A thin leaf from the origin along +x, bent down by ``droop_rad`` over its length; a sheet with two sides."""
+    """Return a leaf without thickness along +x from the origin, which bends down by ``droop_rad`` over its length."""
     share = np.linspace(0, 1, rows)
     outline = width / 2 * np.sin(np.pi * share**0.7) ** 0.8
     outline[0], outline[-1] = 0.02 * width, 0
     heading = -droop_rad * (share[:-1] + share[1:]) / 2
     step = length / (rows - 1)
     x, z = (np.concatenate([[0], np.cumsum(step * turn(heading))]) for turn in (np.cos, np.sin))
-    across = np.array([1, 0, -1])  # from left to right as seen from above, so that the upper side is outside
+    across = np.array([1, 0, -1])  # from left to right seen from above, so that the upper side is the front
     points = np.stack(np.broadcast_arrays(x[:, None], across * outline[:, None], z[:, None]), axis=2)
     uv = np.stack(np.broadcast_arrays(-across * outline[:, None], -share[:, None] * length), axis=2)
     return grid_surface(points, uv)
 
 
 def _stem(path: Floats, radius: float, tip: float, sides: int = 6) -> Mesh:
-    """A stem along a curve, (P, 3), that thins from ``radius`` to ``tip``."""
+    """Return a stem along a curve, (P, 3), whose radius decreases from ``radius`` to ``tip``."""
     return sweep(circle(radius, sides), path, scales=np.linspace(1, tip / radius, len(path)))
 
 
 def _facing(azimuth_rad: float, rise_rad: float) -> Floats:
-    """Rotation that takes +x up by ``rise_rad`` and then round z by ``azimuth_rad``; (3, 3)."""
+    """Return the rotation, (3, 3), that raises the x axis by ``rise_rad`` and then turns about z by ``azimuth_rad``."""
     return about_z(azimuth_rad) @ about_y(-rise_rad)
 
 
 def potted_plant(rng: np.random.Generator) -> Parts:
-    """A pot with stems that bend outwards and carry leaves."""
+    """A pot with stems that bend outwards and have leaves."""
     radius, height = rng.uniform(0.2, 0.3), rng.uniform(0.25, 0.45)
     pot = np.array([(0.7 * radius, 0), (radius, height)])
     rim = np.array([(0.97, 0.82), (1.15, 0.82), (1.15, 0.98), (0.97, 0.98)]) * (radius, height)
@@ -50,14 +50,14 @@ def potted_plant(rng: np.random.Generator) -> Parts:
         foot = 0.4 * radius * away + (0, 0, 0.72 * height)
         path = spline([foot, foot + 0.25 * spread * away + (0, 0, 0.55 * tall), foot + spread * away + (0, 0, tall)], 5)
         yield _stem(path, 0.016, 0.006)
-        for place in range(3, len(path), 2):
-            turn = _facing(azimuth + place * GOLDEN_TURN_RAD, rng.uniform(0, 0.7))
+        for leaf in range(3, len(path), 2):
+            turn = _facing(azimuth + leaf * GOLDEN_TURN_RAD, rng.uniform(0, 0.7))
             size = rng.uniform(0.7, 1)
-            yield placed(_leaf(size * long, size * wide, rng.uniform(0.4, 1.4)), path[place], rotation=turn)
+            yield placed(_leaf(size * long, size * wide, rng.uniform(0.4, 1.4)), path[leaf], rotation=turn)
 
 
 def tree(rng: np.random.Generator) -> Parts:
-    """A bare tree: branches that fork into ever thinner ones."""
+    """A tree without leaves: branches that fork into thinner branches."""
     levels = int(rng.integers(4, 6))
     spread, shrink = rng.uniform(0.35, 0.7), rng.uniform(0.68, 0.8)
     tips = [(np.zeros(3), np.eye(3)[2], 0.6, 0.07)]
@@ -78,7 +78,7 @@ def tree(rng: np.random.Generator) -> Parts:
 
 
 def cactus(rng: np.random.Generator) -> Parts:
-    """A column with arms that bend upwards, each with a round end, in a low pot."""
+    """A cactus in a low pot: a column, and arms with round ends that bend upwards."""
     thick, tall = rng.uniform(0.09, 0.14), rng.uniform(0.8, 1.2)
     yield lathe(hollow(np.array([(0.18, 0), (0.26, 0.2), (0.28, 0.22)]), 0.02), 32)
     yield _round_ended([(0, 0, 0.05), (0, 0, tall / 2), (0, 0, tall)], thick)
@@ -92,7 +92,7 @@ def cactus(rng: np.random.Generator) -> Parts:
 
 
 def _round_ended(path: ArrayLike, radius: float) -> Mesh:
-    """A round tube along a curve, (P, 3), that ends in a ball."""
+    """Return a round tube along a curve, (P, 3), that ends in a ball."""
     points = np.asarray(path, np.float64)
     end = placed(ball(radius, 20, 13), points[-1], rotation=z_onto(unit(points[-1] - points[-2])))
     return merged("tube", [wire(points, 0.99 * radius, 20), end])
@@ -107,7 +107,7 @@ def grass(rng: np.random.Generator) -> Parts:
 
 
 def flower(rng: np.random.Generator) -> Parts:
-    """A few flowers on long stems, each a ring of petals about a disc."""
+    """A few flowers on long stems: rings of petals around a disc."""
     petals, long = int(rng.integers(5, 14)), rng.uniform(0.16, 0.3)
     for stem in range(int(rng.integers(1, 5))):
         azimuth = stem * GOLDEN_TURN_RAD
@@ -122,6 +122,6 @@ def flower(rng: np.random.Generator) -> Parts:
             turn = tilt @ _facing(2 * np.pi * petal / petals, 0.25)
             yield placed(_leaf(long, 5.0 * long / petals, 0.5), head + turn @ (0.04, 0, 0), rotation=turn)
         for side in (0.3, 0.5):
-            place = (0.3 * side * head * (1, 1, 0)) + (0, 0, side * tall)
-            yield placed(_leaf(0.3, 0.09, 1), place, rotation=_facing(azimuth + 9 * side, 0.5))
+            joint = (0.3 * side * head * (1, 1, 0)) + (0, 0, side * tall)
+            yield placed(_leaf(0.3, 0.09, 1), joint, rotation=_facing(azimuth + 9 * side, 0.5))
     yield rod((0, 0, -0.02), (0, 0, 0.03), 0.06, sides=16)

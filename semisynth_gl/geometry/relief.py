@@ -77,7 +77,7 @@ def height_map(mesh: Mesh, axes: Floats, cells: int) -> Floats:
     """Project a mesh orthographically and measure the height of its visible surface, without OpenGL.
 
     The columns of ``axes``, (3, 3), are the map's x and y and the direction towards the viewer, in the model's frame.
-    Rows that are scaled stretch the model along its axes. The map, (cells, cells), spans the bounding sphere. It has the
+    Scaled rows stretch the model along its axes. The map, (cells, cells), spans the bounding sphere. It has the
     surface's height at each cell's centre above the plane through the sphere's centre, in radii of the sphere, and -inf
     where the model does not cover the cell's centre.
     """

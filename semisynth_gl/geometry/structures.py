@@ -1,22 +1,22 @@
-"""Structures outdoors and in halls: stairs, ladders, fences, pipes, scaffolds, bridges."""
+"""Structures: stairs, ladders, fences, pipes, scaffolds, bridges."""
 
 from itertools import pairwise
 
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Parts, merged, unit
-from semisynth_gl.geometry.parts import arc, from_polar, placed, rectangle, rod, rounded, wire
+from semisynth_gl.geometry.parts import arc, circle, from_polar, placed, rectangle, rod, rounded, wire
 from semisynth_gl.geometry.rotations import about_x, about_z
 from semisynth_gl.geometry.surfaces import box, extruded, lathe, sweep
 
 
 def stairs(rng: np.random.Generator) -> Parts:
-    """A straight flight: treads on two beams, open between them, perhaps with a railing."""
+    """A straight flight of open stairs: treads on two beams, with up to two railings."""
     steps, rise = int(rng.integers(7, 13)), rng.uniform(0.15, 0.2)
     run, width = rng.uniform(0.2, 0.32), rng.uniform(0.6, 1.2)
     yield from [box((width, run * 1.1, 0.04), (0, i * run, (i + 1) * rise)) for i in range(steps)]
     beam = np.array([[0, -0.4 * run, 0.5 * rise], [0, (steps - 0.6) * run, (steps - 0.5) * rise]])
-    # the section's first axis is x, across the flight
+    # The section's first axis becomes x, across the flight.
     yield from [sweep(rectangle(0.04, 0.16), beam + (side * 0.42 * width, 0, -0.03)) for side in (-1, 1)]
     for side in {0: (), 1: (-1,), 2: (-1, 1)}[int(rng.integers(3))]:
         x = side * (width / 2 - 0.04)
@@ -26,7 +26,7 @@ def stairs(rng: np.random.Generator) -> Parts:
 
 
 def spiral_stairs(rng: np.random.Generator) -> Parts:
-    """Treads about a column, with balusters and a rail that follows them."""
+    """Treads around a column, with balusters and a handrail."""
     steps, turn = int(rng.integers(10, 22)), rng.uniform(0.3, 0.5)
     rise, radius = rng.uniform(0.14, 0.2), rng.uniform(0.7, 1)
     turn *= rng.choice([-1, 1])
@@ -43,7 +43,7 @@ def spiral_stairs(rng: np.random.Generator) -> Parts:
 
 
 def ladder(rng: np.random.Generator) -> Parts:
-    """A ladder that narrows upwards; some are stepladders on a second frame."""
+    """A ladder that narrows upwards, or a stepladder with a second frame."""
     length, low, high = rng.uniform(1.5, 2.6), rng.uniform(0.4, 0.6), rng.uniform(0.25, 0.4)
     rungs, rail = int(rng.integers(5, 12)), rng.uniform(0.018, 0.03)
     front = [rod((side * low / 2, 0, 0), (side * high / 2, 0, length), rail) for side in (-1, 1)]
@@ -62,7 +62,7 @@ def ladder(rng: np.random.Generator) -> Parts:
 
 
 def fence(rng: np.random.Generator) -> Parts:
-    """A run of fence: pickets with points, round bars, or a mesh of wire between posts."""
+    """A fence between posts: pointed pickets, round bars, or wire mesh."""
     width, height = rng.uniform(1.4, 2.4), rng.uniform(0.8, 1.2)
     yield from [box((0.07, 0.07, height), (x * width / 2, 0, height / 2)) for x in (-1, 0, 1)]
     style = int(rng.integers(3))
@@ -84,7 +84,7 @@ def fence(rng: np.random.Generator) -> Parts:
 
 
 def pipe_run(rng: np.random.Generator) -> Parts:
-    """Pipes that turn corners through space, with flanges at both ends."""
+    """Pipes with right-angled bends, and flanges at both ends."""
     radius = rng.uniform(0.04, 0.075)
     for lane in range(int(rng.integers(1, 4))):
         at = np.array([lane * 5 * radius, 0.0, 0.0])
@@ -103,7 +103,7 @@ def pipe_run(rng: np.random.Generator) -> Parts:
 
 
 def scaffold(rng: np.random.Generator) -> Parts:
-    """A block of thin tubes with diagonals and a few planks."""
+    """A grid of thin tubes with diagonals and a few planks."""
     counts, gaps = rng.integers((2, 2, 2), (5, 4, 5)), rng.uniform(0.5, 0.9, 3)
     x, y, z = (np.arange(count) * gap for count, gap in zip(counts, gaps, strict=True))
     tube, over = rng.uniform(0.014, 0.03), 0.06
@@ -138,13 +138,13 @@ def truss_bridge(rng: np.random.Generator) -> Parts:
 
 
 def rod_bundle(rng: np.random.Generator) -> Parts:
-    """A sheaf of thin rods that cross each other, through a ring or two."""
+    """A bundle of crossing thin rods, held by one or two rings."""
     count, length, ring = int(rng.integers(25, 70)), rng.uniform(1.2, 2), rng.uniform(0.1, 0.25)
     for _ in range(count):
-        place, lean = rng.uniform(-1, 1, 2), rng.normal(0, 0.35, 2)
-        place *= 0.8 * ring / max(1.0, float(np.linalg.norm(place)))
-        foot, head = (np.append(place + side * 0.5 * lean, side * length / 2 * rng.uniform(0.8, 1)) for side in (-1, 1))
-        yield rod(foot, head, rng.uniform(0.006, 0.018), sides=6)
-    tube = arc(0.03, 0, 2 * np.pi, 11)[:-1]
+        middle, lean = rng.uniform(-1, 1, 2), rng.normal(0, 0.35, 2)
+        middle *= 0.8 * ring / max(1.0, float(np.linalg.norm(middle)))
+        ends = [np.append(middle + side * 0.5 * lean, side * length / 2 * rng.uniform(0.8, 1)) for side in (-1, 1)]
+        yield rod(*ends, rng.uniform(0.006, 0.018), sides=6)
+    tube = circle(0.03, 10)
     heights = (0.0,) if rng.random() < 0.5 else (-0.2, 0.2)
     yield from [lathe(tube + (ring + 0.05, z), 36, closed=True) for z in heights]

@@ -1,12 +1,12 @@
-"""Surfaces of models: revolved, swept, extruded and flat ones.
+"""Surfaces of models: revolved, swept, extruded and flat surfaces.
 
-Every surface has UV in model units, and triangles whose normals point outwards. Seen from outside, u runs to the right
-and v downwards, so that no texture is mirrored. A model stands on z = 0 or near it, and z points up. Lengths are in
-model units.
+Every surface has UV in model units, and triangles whose normals point outwards. Seen from outside, u points to the
+right and v downwards, so that no texture is mirrored. z points up. Lengths are in model units.
 
 trimesh.creation has similar functions, but without UV.
 """
 
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -28,17 +28,17 @@ from semisynth_gl.geometry.mesh import (
 from semisynth_gl.geometry.unwrap import facing_axes
 
 BAND_STRETCH = 1.1
-"""Largest factor by which a length around a lathed surface differs from its length in UV, either way."""
+"""Maximum ratio of a length around a lathed surface to its length in UV, and of the latter to the former."""
 
 BAND_SHEAR = 0.15
-"""Largest shear of the texture on a facet of a lathed surface, where its slope differs from its band's cone."""
+"""Maximum shear of the texture on a facet of a lathed surface, whose slope may differ from that of its band's cone."""
 
 
 def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
-    """Triangulate a grid of points (R, C, 3), which may coincide; the mesh is named ``grid``.
+    """Triangulate a grid of points, (R, C, 3), some of which may coincide; the mesh is named ``grid``.
 
-    Its normal is the cross product of the direction along a row and the direction along a column. ``uv`` is (R, C, 2);
-    by default it is the mean arc lengths along rows and columns, which suit nearly developable sheets.
+    The normal is the cross product of the direction along a row and the direction along a column. ``uv`` is (R, C, 2).
+    By default, u is the mean arc length along rows and v that along columns, which fits nearly developable sheets.
     """
     grid = np.asarray(points, np.float64)
     rows, columns, _ = grid.shape
@@ -52,13 +52,13 @@ def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
 
 
 def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Mesh:
-    """Revolve a profile, (P, 2) radius and height, about the z axis; the circle is a polygon of ``segments`` sides.
+    """Revolve a profile, (P, 2) radius and height, about the z axis; circles are polygons of ``segments`` sides.
 
     The profile runs outwards along the bottom, up the outer side, and inwards along the top. Only its ends may have a
-    radius of zero. The surface is closed if both ends have that radius, or if ``closed`` joins them.
+    radius of 0. The surface is closed if both ends have a radius of 0, or if ``closed`` joins them.
 
-    The profile is cut into bands, and each band is unrolled like the cone that fits it best. This UV is exact along the
-    profile, and around the axis within `BAND_STRETCH` and `BAND_SHEAR`.
+    The profile is cut into bands, and each band is unrolled like the cone that fits it best. Along the profile, lengths
+    in UV are exact; around the axis, they are within `BAND_STRETCH` and `BAND_SHEAR`.
     """
     points = np.asarray(profile, np.float64)
     if closed:
@@ -80,7 +80,7 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
 
 
 def _longest_band(radius: Floats, arc: Floats, start: int, segments: int) -> tuple[int, float, float]:
-    """Return the last profile point that one cone fits, and the cone as radius = offset + slope * arc."""
+    """Return the last profile point of the longest band that a cone fits: radius = offset + slope * arc."""
     fit = (start + 1, *_fitted_cone(radius[start : start + 2], arc[start : start + 2]))
     for stop in range(start + 2, len(radius)):
         r, s = radius[start : stop + 1], arc[start : stop + 1]
@@ -95,7 +95,7 @@ def _longest_band(radius: Floats, arc: Floats, start: int, segments: int) -> tup
 
 
 def _fitted_cone(radius: Floats, arc: Floats) -> tuple[float, float]:
-    """Fit radius = offset + slope * arc by least squares; through the pole where the profile ends on the axis."""
+    """Fit radius = offset + slope * arc by least squares. If the profile ends on the axis, the line passes that end."""
     poles = np.flatnonzero(radius == 0)
     origin = arc[poles[0]] if len(poles) else arc.mean()
     level = 0.0 if len(poles) else radius.mean()
@@ -106,10 +106,10 @@ def _fitted_cone(radius: Floats, arc: Floats) -> tuple[float, float]:
 def _conic_uv(arc: Floats, offset: float, slope: float, angle: Floats, segments: int) -> Floats:
     """Unroll the cone radius = offset + slope * arc over ``angle``, (C,); (R, C, 2). At the angle 0, v is -arc."""
     half = np.pi / segments
-    if abs(slope) < 1e-6:  # a cylinder; its circumference is that of the polygon
+    if abs(slope) < 1e-6:  # a cylinder, with the circumference of the polygon
         u = offset * np.sin(half) / half * angle
         return np.stack(np.broadcast_arrays(u[None, :], -arc[:, None]), axis=2)
-    # Each side of the polygon takes the true angle of a flat facet at the apex.
+    # Each side of the polygon has the angle at the apex that the flat facet has.
     unrolled = np.arcsin(slope * np.sin(half)) / half * angle
     from_apex = arc[:, None] + offset / slope
     v_up = from_apex * np.cos(unrolled) - offset / slope
@@ -117,11 +117,11 @@ def _conic_uv(arc: Floats, offset: float, slope: float, angle: Floats, segments:
 
 
 def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: ArrayLike | float = 1.0) -> Mesh:
-    """Carry a polygon along a curve, turning it about the curve as little as possible, and close both ends.
+    """Sweep a polygon along a curve, with as little rotation about the curve as possible, and close both ends.
 
     ``section``, (S, 2), is the polygon, anticlockwise and star-shaped about the origin. ``path``, (P, 3), is the curve;
-    no two neighbours coincide. ``closed`` joins its last point to its first. ``scales`` are factors of the section at
-    each point of the path, (P,), or one number. Along the curve, UV counts the curve's length.
+    neighbouring points must differ. ``closed`` joins its last point to its first. ``scales`` are factors of the section
+    at each point of the path, (P,), or one number. -v is the length along the curve.
     """
     outline, points = np.asarray(section, np.float64), np.asarray(path, np.float64)
     factor = np.broadcast_to(np.asarray(scales, np.float64), len(points))
@@ -143,8 +143,8 @@ def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: 
 def _frames(points: Floats, *, closed: bool) -> tuple[Floats, Floats, Floats]:
     """Return rotation-minimising frames of a polyline: two unit normals and the tangent, (P, 3) each, right-handed.
 
-    Double reflection: Wang et al., Computation of rotation minimizing frames, 2008. On a closed polyline the angle
-    between the last frame and the first is spread evenly.
+    The method is double reflection (Wang et al., Computation of rotation minimizing frames, 2008). On a closed
+    polyline, the angle between the last and the first frame is distributed evenly.
     """
     if closed:
         tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
@@ -155,24 +155,23 @@ def _frames(points: Floats, *, closed: bool) -> tuple[Floats, Floats, Floats]:
     tangent /= lengths(tangent)[:, None]
     count = len(points)
     axis = least_aligned_axis(tangent[0])
-    moved = unit(axis - (axis @ tangent[0]) * tangent[0])
-    normals = [moved]
+    normal = unit(axis - (axis @ tangent[0]) * tangent[0])
+    normals = [normal]
     for start in range(count if closed else count - 1):
         stop = (start + 1) % count
         chord = unit(points[stop] - points[start])
-        reflected = moved - 2 * (chord @ moved) * chord
-        heading = tangent[start] - 2 * (chord @ tangent[start]) * chord
-        turn = tangent[stop] - heading
+        normal = normal - 2 * (chord @ normal) * chord
+        reflected_tangent = tangent[start] - 2 * (chord @ tangent[start]) * chord
+        turn = tangent[stop] - reflected_tangent
         length = np.linalg.norm(turn)
         if length > 1e-9:
             turn /= length
-            reflected = reflected - 2 * (turn @ reflected) * turn
-        moved = reflected
-        normals.append(moved)
+            normal = normal - 2 * (turn @ normal) * turn
+        normals.append(normal)
     across = np.stack(normals[:count])
     beside = cross(tangent, across)
     if closed:
-        mismatch = np.arctan2(moved @ beside[0], moved @ across[0])
+        mismatch = np.arctan2(normal @ beside[0], normal @ across[0])
         twist = -mismatch * np.arange(count)[:, None] / count
         cos, sin = np.cos(twist), np.sin(twist)
         across, beside = cos * across + sin * beside, cos * beside - sin * across
@@ -180,7 +179,7 @@ def _frames(points: Floats, *, closed: bool) -> tuple[Floats, Floats, Floats]:
 
 
 def _cap(ring: Floats, normal: Floats, centre: Floats) -> Mesh:
-    """Close a flat ring, (S, 3) and anticlockwise about ``normal``, with a fan around ``centre``."""
+    """Fill a flat ring, (S, 3) and anticlockwise about ``normal``, with a fan of triangles around ``centre``."""
     points = np.concatenate([ring, centre[None]])
     first = np.arange(len(ring))
     fan = np.stack([first, np.roll(first, -1), np.full(len(ring), len(ring))], axis=1)
@@ -188,23 +187,21 @@ def _cap(ring: Floats, normal: Floats, centre: Floats) -> Mesh:
 
 
 def _planar_uv(points: Floats, normal: Floats) -> Floats:
-    """Return the UV of points, (N, 3), on the plane with a normal, (3,); (N, 2)."""
+    """Return the UV, (N, 2), of points, (N, 3), on a plane with a unit normal, (3,)."""
     u, v = facing_axes(normal[None])
     return np.stack([points @ u[0], points @ v[0]], axis=1)
 
 
-# The sides of a box, in the order -x, +x, -y, +y, -z, +z: corners anticlockwise seen from outside. A
-# corner's number is 4 x + 2 y + z, where 1 is the upper end of an axis.
+# The corners of a box's sides -x, +x, -y, +y, -z and +z, anticlockwise seen from outside. A corner's number is
+# 4 x + 2 y + z, where 1 is the upper end of an axis.
 _BOX_SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
 def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    """A box about its centre, with edges along the axes; ``size``, (3,), is their lengths."""
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    """Return a box about ``centre``, whose edges are parallel to the axes and have the lengths ``size``, (3,)."""
+    signs = np.array(list(product((-1, 1), repeat=3)))
     corners = np.asarray(centre, np.float64) + signs * np.asarray(size, np.float64) / 2
-    sides = corners[np.array(_BOX_SIDES)]
-    normals = cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 1])
-    normals /= lengths(normals)[:, None]
+    sides, normals = corners[np.array(_BOX_SIDES)], [sign * axis for axis in np.eye(3) for sign in (-1, 1)]
     uv = np.concatenate([_planar_uv(side, normal) for side, normal in zip(sides, normals, strict=True)])
     triangles = np.arange(0, 24, 4)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     return make_part("box", sides.reshape(-1, 3), uv, triangles.reshape(-1, 3))
@@ -213,8 +210,8 @@ def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
 def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -> Mesh:
     """Extrude a polygon, (N, 2), anticlockwise and star-shaped about the origin, from z = 0 to ``height``.
 
-    ``hole`` is a polygon, (N, 2), anticlockwise and inside the outline. Its n-th point must face the n-th point of the
-    outline, because the top and the bottom are strips between the two.
+    ``hole`` is a polygon, (N, 2), anticlockwise and inside the outline. Top and bottom connect its n-th point to the
+    n-th point of the outline.
     """
     outer = np.asarray(outline, np.float64)
     parts = [_wall(outer, height)]
@@ -233,7 +230,7 @@ def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -
 
 
 def _wall(outline: Floats, height: float) -> Mesh:
-    """Build the upright surface over a closed polygon, (N, 2); it faces outwards if the polygon is anticlockwise."""
+    """Return the upright surface over a closed polygon, (N, 2); it faces outwards if the polygon is anticlockwise."""
     loop = np.concatenate([outline, outline[:1]])
     return grid_surface([_at_height(loop, 0.0), _at_height(loop, height)])
 
@@ -242,8 +239,8 @@ def _at_height(polygon: Floats, z: float) -> Floats:
     return np.column_stack([polygon, np.full(len(polygon), z)])
 
 
-# The sides of a cell: normal, and corners anticlockwise seen from outside. 0 is the lower bound along an axis, 1
-# the upper bound.
+# The normals of a cell's sides, and their corners anticlockwise seen from outside: 0 is the lower bound along an axis,
+# and 1 the upper bound.
 _CELL_SIDES: Final = (
     ((0, 0, 1), ((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))),
     ((0, 0, -1), ((0, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 0))),
@@ -257,8 +254,8 @@ _CELL_SIDES: Final = (
 def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) -> Mesh:
     """Extrude the solid cells of a rectangular grid from z = 0 to ``height``.
 
-    ``solid`` is (R, C) bool, with rows along y and columns along x; ``x``, (C + 1,), and ``y``, (R + 1,), are the
-    cells' borders, increasing. The surface is closed. It is a manifold unless two solid cells touch only at a corner.
+    ``solid`` is (R, C) bool, with rows along y and columns along x. ``x``, (C + 1,), and ``y``, (R + 1,), are the
+    increasing borders of the cells. The surface is closed; it is a manifold unless two cells touch only at a corner.
     """
     padded = np.pad(np.asarray(solid, bool), 1)
     rows, columns = np.nonzero(padded[1:-1, 1:-1])
@@ -278,5 +275,5 @@ def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) 
 
 
 def _cumulative(steps: Floats) -> Floats:
-    """Return the sums of the first 0, 1, ..., N of N steps; (N + 1,)."""
+    """Return the sums of the first 0 to N of N steps; (N + 1,)."""
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -3,13 +3,13 @@
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Parts
-from semisynth_gl.geometry.parts import arc, hollow, lift, placed, rod, spline, wire
+from semisynth_gl.geometry.parts import arc, circle, hollow, lift, placed, rod, spline, wire
 from semisynth_gl.geometry.rotations import about_x, even_turns
 from semisynth_gl.geometry.surfaces import lathe
 
 
 def bottle(rng: np.random.Generator) -> Parts:
-    """A bottle, with a cap or open."""
+    """A bottle, open or with a cap."""
     body, neck = rng.uniform(0.2, 0.34), rng.uniform(0.05, 0.1)
     shoulder, slope = rng.uniform(0.45, 0.8), rng.uniform(0.08, 0.35)
     top = shoulder + slope + rng.uniform(0.1, 0.3)
@@ -26,7 +26,7 @@ def bottle(rng: np.random.Generator) -> Parts:
 
 
 def vase(rng: np.random.Generator) -> Parts:
-    """A vase with a belly, a waist and a lip of random sizes; open at the top."""
+    """An open vase with a belly, a waist and a lip of random sizes."""
     height = rng.uniform(0.8, 1.6)
     radii = rng.uniform((0.2, 0.3, 0.12, 0.16), (0.35, 0.5, 0.3, 0.42))
     heights = np.array([0, rng.uniform(0.25, 0.5), rng.uniform(0.7, 0.85), 1]) * height
@@ -35,7 +35,7 @@ def vase(rng: np.random.Generator) -> Parts:
 
 
 def mug(rng: np.random.Generator) -> Parts:
-    """A mug with a handle that one can look through."""
+    """A mug with a handle."""
     radius, height, wall = rng.uniform(0.3, 0.45), rng.uniform(0.6, 1.1), rng.uniform(0.025, 0.05)
     foot = radius * rng.uniform(0.75, 1)
     outside = np.array([(foot, 0), (radius, 0.08), (radius, 0.5 * height), (radius * rng.uniform(0.95, 1.1), height)])
@@ -46,7 +46,7 @@ def mug(rng: np.random.Generator) -> Parts:
 
 
 def goblet(rng: np.random.Generator) -> Parts:
-    """A wine glass: thin foot, thinner stem, thin bowl."""
+    """A wine glass with a thin foot, stem and bowl."""
     foot, stem, bowl = rng.uniform(0.22, 0.32), rng.uniform(0.018, 0.035), rng.uniform(0.25, 0.4)
     leg, tall = rng.uniform(0.3, 0.6), rng.uniform(0.35, 0.7)
     lip = bowl * rng.uniform(0.65, 1.15)
@@ -59,7 +59,7 @@ def goblet(rng: np.random.Generator) -> Parts:
 
 
 def bowl_stack(rng: np.random.Generator) -> Parts:
-    """Bowls stacked in each other, not quite centred."""
+    """Bowls stacked in each other, slightly off centre."""
     floor, radius = 0.0, rng.uniform(0.5, 0.7)
     for _ in range(int(rng.integers(2, 6))):
         depth = radius * rng.uniform(0.45, 0.7)
@@ -71,7 +71,7 @@ def bowl_stack(rng: np.random.Generator) -> Parts:
 
 
 def jug(rng: np.random.Generator) -> Parts:
-    """A jug with a tall handle and a pipe for a spout, like a watering can."""
+    """A jug with a tall handle and a long spout, like a watering can."""
     radius, height = rng.uniform(0.3, 0.4), rng.uniform(0.5, 0.8)
     top = radius * rng.uniform(0.5, 0.8)
     outside = spline([(0.9 * radius, 0), (radius, 0.3 * height), (0.9 * radius, 0.7 * height), (top, height)], 6)
@@ -85,13 +85,13 @@ def jug(rng: np.random.Generator) -> Parts:
 
 
 def basket(rng: np.random.Generator) -> Parts:
-    """A basket of upright rods and hoops, with a handle across; open between the rods."""
+    """A basket of upright rods and hoops with gaps between them, and in 7 of 10 cases with a handle."""
     low, high, height = rng.uniform(0.3, 0.45), rng.uniform(0.45, 0.6), rng.uniform(0.35, 0.6)
     yield lathe([(0, 0), (low + 0.02, 0), (low + 0.02, 0.03), (0, 0.03)], 32)
     turns = even_turns(int(rng.integers(12, 25)))
     yield from [rod(turn @ (low, 0, 0.01), turn @ (high, 0, height), 0.011, sides=6) for turn in turns]
     for share in np.linspace(0.15, 1, int(rng.integers(3, 6))):
-        hoop = arc(0.012 if share < 1 else 0.022, 0, 2 * np.pi, 9)[:-1]
+        hoop = circle(0.012 if share < 1 else 0.022, 8)
         yield lathe(hoop + (low + share * (high - low), share * height), 36, closed=True)
     if rng.random() < 0.7:
         over = arc(high, 0, np.pi, 20) * (1, rng.uniform(0.7, 1.2))
@@ -99,17 +99,17 @@ def basket(rng: np.random.Generator) -> Parts:
 
 
 def cage(rng: np.random.Generator) -> Parts:
-    """A bird cage: thin bars that meet under a ring, with a perch inside."""
+    """A bird cage: thin bars that meet below a ring, and a perch inside."""
     radius, height, dome = rng.uniform(0.35, 0.55), rng.uniform(0.5, 0.9), rng.uniform(0.25, 0.5)
     yield lathe([(0, 0), (radius + 0.03, 0), (radius + 0.03, 0.05), (0, 0.05)], 36)
     over = arc(1, 0, 0.46 * np.pi, 9) * (radius, dome) + (0, height)
     bar = np.concatenate([[(radius, 0.03)], over])
     yield from [wire(lift(bar, "xz") @ turn.T, 0.009, 6) for turn in even_turns(int(rng.integers(12, 28)))]
-    tube = arc(0.014, 0, 2 * np.pi, 9)[:-1]
-    yield from [lathe(tube + (radius, z), 36, closed=True) for z in np.linspace(0, height, int(rng.integers(2, 5)))[1:]]
+    levels, tube = np.linspace(0, height, int(rng.integers(2, 5)))[1:], circle(0.014, 8)
+    yield from [lathe(tube + (radius, z), 36, closed=True) for z in levels]
     top = height + dome
     yield lathe([(0, top - 0.01), (0.09, top - 0.01), (0.05, top + 0.05), (0, top + 0.05)], 16)
-    ring = lift(arc(0.07, 0, 2 * np.pi, 17)[:-1], "xy") @ about_x(np.pi / 2).T
-    yield wire(ring + (0, 0, height + dome + 0.1), 0.012, 8, closed=True)
+    ring = lift(circle(0.07, 16), "xy") @ about_x(np.pi / 2).T
+    yield wire(ring + (0, 0, top + 0.1), 0.012, 8, closed=True)
     perch = rng.uniform(0.25, 0.6) * height
     yield rod((-radius, 0, perch), (radius, 0, perch), 0.018)

@@ -6,7 +6,7 @@ No other subpackage imports torch.
 from semisynth_gl.inputs.errors import how_to_install
 
 try:
-    import torch as _torch  # noqa: F401 - imported here, so that the message says what to do
+    import torch as _torch  # noqa: F401 - imported here for a helpful message
 except ModuleNotFoundError as error:
     raise ImportError(f"semisynth_gl.torch needs PyTorch, which is not installed: {how_to_install('torch')}") from error
 

@@ -1,7 +1,7 @@
-"""Pixels from OpenGL to CUDA on one GPU, without a detour through the computer's memory.
+"""Copies pixels from OpenGL to CUDA on one GPU, without passing through main memory.
 
-OpenGL copies an attachment into a buffer (`PixelBuffers`). CUDA maps that buffer and copies it into a tensor, by way of
-NVIDIA's bindings of the CUDA runtime, which share the device's primary context with torch.
+OpenGL copies an attachment into a buffer (`PixelBuffers`). CUDA maps that buffer and copies it into a tensor. NVIDIA's
+bindings of the CUDA runtime share the device's primary context with torch.
 """
 
 from collections.abc import Iterator
@@ -21,8 +21,8 @@ _MOST_DEVICES = 64
 class CudaReader:
     """A `PixelReader` (see `render`) that reads attachments into tensors on a CUDA device.
 
-    The device must have an index, and OpenGL must draw on the same GPU. Without NVIDIA's bindings of CUDA the
-    constructor raises InputError.
+    ``device`` must have an index, and OpenGL must use the same GPU. Raises InputError if NVIDIA's bindings of CUDA are
+    not installed.
     """
 
     def __init__(self, device: torch.device) -> None:
@@ -43,8 +43,7 @@ class CudaReader:
     ) -> torch.Tensor:  # fmt: skip
         """Return a rectangle of an attachment as a tensor on the device, (H, W) or (H, W, C).
 
-        Raises:
-            BackendError: where OpenGL draws on another GPU, or CUDA reports an error.
+        Raises BackendError if OpenGL uses a different GPU, or CUDA reports an error.
         """
         if self._context is None:
             self._check_device()
@@ -57,8 +56,8 @@ class CudaReader:
         tensor = torch.empty(shape, dtype=_TYPES[kind], device=self._device)
         stream = torch.cuda.current_stream(self._device).cuda_stream
         with self._mapped(self._resources[buffer.glo], stream) as pointer:
-            within = self._cuda.cudaMemcpyKind.cudaMemcpyDeviceToDevice
-            self._call("cudaMemcpyAsync", tensor.data_ptr(), pointer, buffer.size, within, stream)
+            kind_of_copy = self._cuda.cudaMemcpyKind.cudaMemcpyDeviceToDevice
+            self._call("cudaMemcpyAsync", tensor.data_ptr(), pointer, buffer.size, kind_of_copy, stream)
         return tensor
 
     def close(self) -> None:
@@ -77,7 +76,7 @@ class CudaReader:
     def _mapped(self, resource: Any, stream: int) -> Iterator[int]:  # noqa: ANN401 - the bindings have no types
         """Map a buffer for CUDA and yield its address.
 
-        Mapping makes CUDA wait for OpenGL; unmapping makes OpenGL wait for CUDA.
+        Mapping makes CUDA wait for OpenGL. Unmapping makes OpenGL wait for CUDA.
         """
         self._call("cudaGraphicsMapResources", 1, resource, stream)
         try:
@@ -91,12 +90,12 @@ class CudaReader:
         devices = list(numbers)[:count]
         if self._device.index not in devices:
             raise BackendError(
-                f"OpenGL draws on CUDA's device {', '.join(map(str, devices)) or 'none'}, but the tensors belong on "
+                f"OpenGL uses CUDA's device {', '.join(map(str, devices)) or 'none'}, but the tensors must be on "
                 f"{self._device}: give gpus=({self._device.index},)"
             )
 
     def _call(self, name: str, *values: Any) -> tuple[Any, ...]:  # noqa: ANN401 - the bindings have no types
-        """Call a function of the runtime; return its results without the error."""
+        """Call a function of the CUDA runtime; return its results, or raise BackendError if it reports an error."""
         error, *results = getattr(self._cuda, name)(*values)
         if error != self._cuda.cudaError_t.cudaSuccess:
             text = self._cuda.cudaGetErrorString(error)[1].decode()

@@ -1,4 +1,4 @@
-"""Pairs as dictionaries of tensors: cropped, augmented, transformed; `StereoDataset`, which reads written pairs."""
+"""`StereoDataset` reads a written dataset's pairs as dictionaries of tensors; they can be cropped and augmented."""
 
 from collections.abc import Callable
 from os import PathLike
@@ -19,22 +19,22 @@ from semisynth_gl.seeds.seeds import LARGEST_NUMBER, Purpose, generator
 from semisynth_gl.seeds.splits import Split, SplitName
 
 Sample = dict[str, Any]
-"""A pair as `StereoStream` and `StereoDataset` make it, before `transform`: see `to_sample`."""
+"""A sample before ``transform``, see `to_sample`."""
 Transform = Callable[[Sample], Any]
 
 _CAMERA = ("focal_px", "focal_y_px", "baseline_m", "doffs_px", "cx_left_px", "cx_right_px", "cy_px")
 
 
 class PairDataset(Dataset[Any]):
-    """What both datasets share: each pair becomes a sample, cropped, augmented and transformed.
+    """Base of both datasets: crops, augments and transforms each pair into a sample.
 
-    ``sides`` are height and width of the images, px; `StereoStream` describes the other arguments. Raises InputError
-    where the crop does not fit.
+    ``image_size`` is height and width of the images, px; `StereoStream` describes the other arguments. Raises
+    InputError if the crop does not fit.
     """
 
     def __init__(
         self,
-        sides: tuple[int, int],
+        image_size: tuple[int, int],
         crop: tuple[int, int] | None,
         augmentation: Augmentation | None,
         transform: Transform | None,
@@ -42,36 +42,36 @@ class PairDataset(Dataset[Any]):
         if crop is not None:
             if np.shape(crop) != (2,):
                 raise InputError(f"expected (height, width), got {shown(crop)}", argument="crop")
-            crop = to_whole("crop", crop[0], 1, sides[0]), to_whole("crop", crop[1], 1, sides[1])
+            crop = to_whole("crop", crop[0], 1, image_size[0]), to_whole("crop", crop[1], 1, image_size[1])
         if augmentation is not None:
-            augmentation.check(crop, sides)
-        self._sides, self._crop, self._augmentation, self._transform = sides, crop, augmentation, transform
-        # In shared memory, for workers that outlive an epoch. PyTorch has no types for the method that puts it there.
+            augmentation.check(crop, image_size)
+        self._image_size, self._crop, self._augmentation, self._transform = image_size, crop, augmentation, transform
+        # In shared memory, so that persistent workers see a new epoch. PyTorch has no types for share_memory_.
         epoch: Any = torch.zeros((), dtype=torch.int64)
         self._epoch = epoch.share_memory_()
 
     def set_epoch(self, epoch: int) -> None:
-        """Choose the crops and changes of an epoch; call it before each epoch. Running workers follow too.
+        """Set the epoch, which is 0 at first: each epoch has other crops and changes. Running workers use it at once.
 
-        The first epoch is 0. Raises InputError where the epoch is not a whole number of 0 or more.
+        Raises InputError if the epoch is not a whole number of 0 or more.
         """
         self._epoch.fill_(to_whole("epoch", epoch, 0, LARGEST_NUMBER))
 
-    def _sample(self, index: int, sequence: int, seed: int, pair: Callable[[Crop | None], Frame]) -> Any:  # noqa: ANN401 - what the transform returns
-        """Make a sample; the split's seed, the sequence and the epoch decide its crop and its changes.
+    def _sample(self, index: int, sequence: int, seed: int, read: Callable[[Crop | None], Frame]) -> Any:  # noqa: ANN401 - what the transform returns
+        """Make a sample, whose crop and changes depend on the split's ``seed``, the sequence and the epoch.
 
-        All frames of a sequence get the same crop, so that flow leads from frame to frame. ``pair`` returns the pair,
-        cut to a crop where it gets one. Raises InputError where the pair lacks what a change needs.
+        All frames of a sequence have the same crop, so that flow is valid between them. ``read`` returns the pair, or
+        the given crop of it. Raises InputError if the pair lacks something that a change needs.
         """
         epoch, size, crop, changes = int(self._epoch), self._crop, None, None
         if self._augmentation is not None:
-            changes = self._augmentation.sample(size, self._sides, seed, sequence, epoch)
-            size = changes.source
+            changes = self._augmentation.sample(size, self._image_size, seed, sequence, epoch)
+            size = changes.source_size
         if size is not None:
             rng = generator(seed, Purpose.CROP, sequence, *([epoch] if epoch else []))
-            x, y = (int(rng.integers(self._sides[axis] - size[axis] + 1)) for axis in (1, 0))
+            x, y = (int(rng.integers(self._image_size[axis] - size[axis] + 1)) for axis in (1, 0))
             crop = Crop(x, y, size[1], size[0])
-        frame = pair(crop)
+        frame = read(crop)
         if changes is not None:
             frame = changes.applied(frame, generator(seed, Purpose.AUGMENTATION, index, epoch, "noise"))
         elif crop is not None:
@@ -81,7 +81,7 @@ class PairDataset(Dataset[Any]):
 
 
 def _with_own_masks(frame: Frame) -> Frame:
-    """Return a crop with masks of its own; those of tensors on a GPU take the way through the computer's memory."""
+    """Return `Frame.with_own_masks` of arrays or of tensors."""
     if isinstance(frame.left.image, np.ndarray):
         return frame.with_own_masks()
     tensors: dict[str, Any] = frame.arrays()
@@ -94,22 +94,17 @@ def _with_own_masks(frame: Frame) -> Frame:
 
 
 def to_sample(index: int, frame: Frame) -> Sample:
-    """Return a pair as a dictionary that default_collate can batch.
-
-    Args:
-        index: the pair's number in its split.
-        frame: a pair, rendered or read from files.
+    """Return a pair as a dictionary that default_collate can batch; ``index`` is the pair's number in its split.
 
     Returns:
         ``index``, an int; ``camera``, a dictionary of floats; and each array of `Frame.arrays` as a tensor under its
-        role. The camera has ``focal_px``, ``focal_y_px`` (which differs in a stretched pair, and where
-        ``camera.fy_over_fx`` is not 1), ``baseline_m``, ``doffs_px``, the principal points ``cx_left_px``,
-        ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's pixels), and the right camera's deviation:
+        role. The camera has ``focal_px``, ``focal_y_px``, ``baseline_m``, ``doffs_px``, the principal points
+        ``cx_left_px``, ``cx_right_px`` and ``cy_px`` (in pixels of the crop), and the right camera's deviation:
         ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and ``focal_ratio``.
 
-        Images are (3, H, W) uint8, or (1, H, W) from a monochrome camera, and raw images have H and W of the sensor;
-        normals are (3, H, W) float32; flow, correspondences and maps into raw images are (2, H, W) float32; ids are
-        (H, W) int32; all other arrays are (H, W) of their own dtype.
+        Images are (3, H, W) uint8, or (1, H, W) from a monochrome camera. Normals are (3, H, W) float32; flow,
+        correspondences and maps into raw images are (2, H, W) float32; ids are (H, W) int32. All other arrays are
+        (H, W) with their dtype in `Frame`. Raw images have the sensor's H and W.
     """
     deviation = frame.camera.deviation
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
@@ -123,37 +118,36 @@ def to_sample(index: int, frame: Frame) -> Sample:
 
 def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a reader has made instead
     if isinstance(array, np.ndarray):
-        # Arrays read from files may be views of the bytes, upside down or read-only; torch takes neither.
+        # torch refuses negative strides and read-only arrays, as codecs may return.
         array = np.require(array, requirements=("C", "W"))
     tensor = torch.as_tensor(array)
-    if tensor.dtype == torch.uint16:
-        # torch has hardly any operations for uint16.
+    if tensor.dtype == torch.uint16:  # torch has few operations for uint16
         tensor = tensor.to(torch.int32)
     return tensor.permute(2, 0, 1).contiguous() if tensor.ndim == 3 else tensor.contiguous()
 
 
 class StereoDataset(PairDataset):
-    """The pairs of a written dataset, in any layout: ``dataset[i]`` equals the sample of a `StereoStream`.
+    """The pairs of a written dataset in any layout: ``dataset[i]`` equals the sample of a `StereoStream`.
 
-    A sample is a dictionary, see `to_sample`. Files are read when a sample is asked for, and no file stays open, so the
-    dataset can be pickled, and workers may be forked or spawned. It needs no OpenGL.
+    A sample is a dictionary, see `to_sample`. Each access opens and closes the pair's files, so the dataset can be
+    pickled, and workers may be forked or spawned. OpenGL is not needed.
 
     Args:
         address: the dataset's folder, or an address that fsspec knows.
         split: a split of the dataset; None for all pairs, training pairs first.
-        crop: height and width, px: cut a crop out of each pair; None for whole images.
-        seed: decides, with the pair's sequence and the epoch, the crops and the augmentation; by default the seed of
-            the dataset, with which they are those of `StereoStream`.
+        crop: height and width, px, of a random crop of each pair; None for whole images.
+        seed: seed of crops and augmentation. By default it is the dataset's seed, which gives the same crops and
+            changes as a `StereoStream`.
         augmentation: changes of each pair, before the transform.
-        transform: a function that gets the sample and returns the object to use instead.
+        transform: a function of the sample; its result replaces the sample.
 
     Attributes:
-        pairs: the dataset as `open_dataset` opens it: ``dataset.pairs[i].provenance`` says how a pair was made.
+        pairs: the result of `open_dataset`; ``dataset.pairs[i].provenance`` says how a pair was made.
 
     Raises:
-        InputError: where the address has no dataset, the dataset is not finished or has no such split, or an argument
+        InputError: if the address has no dataset, the dataset is not finished or has no such split, or an argument
             cannot be used.
-        ReadError: where the dataset's index is damaged.
+        ReadError: if the dataset's index is damaged.
     """
 
     def __init__(
@@ -179,9 +173,9 @@ class StereoDataset(PairDataset):
         """Read a sample; its ``index`` is the pair's number in its split.
 
         Raises:
-            InputError: where the number is not a whole number, or a codec needs a package that is not installed.
-            IndexError: where the dataset has fewer pairs.
-            ReadError: where a file is missing, cut off or cannot be read.
+            InputError: if ``number`` is not a whole number, or a codec needs a package that is not installed.
+            IndexError: if the dataset has fewer pairs.
+            ReadError: if a file is missing, truncated or cannot be read.
         """
         split, index = self.pairs.pair(number)
 

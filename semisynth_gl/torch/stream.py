@@ -27,31 +27,31 @@ TensorDevice = Literal["cpu", "cuda"]
 
 
 class StereoStream(PairDataset):
-    """The pairs of a config, rendered when they are asked for: ``stream[i]`` is pair i of the dataset it would make.
+    """The pairs of a config, rendered on access: ``stream[i]`` is pair i of the dataset that `generate` would make.
 
-    A sample is a dictionary, see `to_sample`. Each process that asks for samples opens a renderer for the first one and
-    keeps it; `close` releases it. Spawn workers: forked ones fail once this process has used OpenGL or CUDA. Samples
-    may be asked for in any order. Pairs of one scene or sequence render faster one after the other.
+    A sample is a dictionary, see `to_sample`. Each process opens a renderer for its first sample and keeps it; `close`
+    releases it. Spawn workers: forked workers fail if this process has used OpenGL or CUDA. Samples may be accessed in
+    any order, but pairs of one scene or sequence render faster one after the other.
 
     Args:
         config: the config of the pairs.
-        seed: decides, with the config, the content of all pairs; 0 or more.
+        seed: seed of all pairs, 0 or more.
         pairs: number of pairs, ``len(stream)``.
-        split: the split whose pairs they are.
-        splits: names of all splits of the dataset; each of them gets photographs that no other shows.
-        crop: height and width, px: cut a crop out of each pair; None for whole images. The seed, the pair's sequence
-            and the epoch decide the crop and the augmentation.
+        split: the split that the pairs belong to.
+        splits: names of all splits of the dataset. No photograph is used in two splits.
+        crop: height and width, px, of a random crop of each pair; None for whole images. Crop and augmentation depend
+            on the seed, the pair's sequence and the epoch.
         augmentation: changes of each pair, before the transform.
         checked: whether scenes that fail the config's checks are sampled again, as in a dataset. Without checks, crops
-            are much faster, and the few pairs that would have failed differ from the dataset's pairs.
-        transform: a function that gets the sample and returns the object to use instead.
+            are much faster, but the few pairs that fail the checks differ from the dataset's pairs.
+        transform: a function of the sample; its result replaces the sample.
         backend: "auto", "egl" or "osmesa".
-        gpus: numbers, as CUDA counts, of the GPUs that workers use in turn; empty for the first GPU that
-            CUDA_VISIBLE_DEVICES shows or EGL's first device, or, with device "cuda", for torch's current one.
+        gpus: CUDA's numbers of the GPUs that workers use in turn. By default, workers use the first GPU that
+            CUDA_VISIBLE_DEVICES shows, or EGL's first device; with device "cuda", the process uses torch's current GPU.
         device: "cpu", or "cuda" for tensors that never leave the GPU; "cuda" needs a DataLoader without workers.
 
     Raises:
-        InputError: where an argument cannot be used.
+        InputError: if an argument cannot be used.
     """
 
     def __init__(
@@ -87,8 +87,7 @@ class StereoStream(PairDataset):
         self._renderer: PairRenderer | None = None
         self._reader: CudaReader | None = None
         self._process = os.getpid()
-        sides = config.camera.height_px, config.camera.width_px
-        super().__init__(sides, crop, augmentation, transform)
+        super().__init__((config.camera.height_px, config.camera.width_px), crop, augmentation, transform)
 
     def __len__(self) -> int:
         return self._pairs
@@ -97,25 +96,24 @@ class StereoStream(PairDataset):
         """Render a sample; its ``index`` is the pair's number in its split.
 
         Raises:
-            InputError: where the number is not a whole number, photographs or models cannot be used, or all attempts at
-                the pair fail its checks.
-            IndexError: where the stream has fewer pairs.
-            BackendError: where OpenGL cannot be used.
+            InputError: if ``number`` is not a whole number, photographs or models cannot be used, or all attempts at
+                the pair fail the config's checks.
+            IndexError: if the stream has fewer pairs.
+            BackendError: if OpenGL cannot be used.
         """
         index = range(self._pairs)[to_whole("number", number)]
-        sequence = index // (self._config.sequence.length * self._config.views)
 
         def render(crop: Crop | None) -> Frame:
             return self._opened().render(index, crop=crop, checked=self._checked).frame
 
-        return self._sample(index, sequence, self._split.seed, render)
+        return self._sample(index, index // self._config.sequence_pairs, self._split.seed, render)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Workers open renderers of their own.
+        # Each worker opens a renderer.
         return self.__dict__ | {"_renderer": None, "_reader": None}
 
     def close(self) -> None:
-        """Release this process's renderer; the next sample opens another one."""
+        """Release this process's renderer; the next sample opens a new one."""
         if self._process == os.getpid():
             if self._reader is not None:
                 self._reader.close()
@@ -124,7 +122,7 @@ class StereoStream(PairDataset):
         self._renderer = self._reader = None
 
     def _opened(self) -> PairRenderer:
-        """Return this process's renderer; open it where there is none."""
+        """Return this process's renderer, opened at the first call."""
         if self._process != os.getpid():
             self._renderer, self._reader, self._process = None, None, os.getpid()
         if self._renderer is None:
@@ -133,7 +131,7 @@ class StereoStream(PairDataset):
                 os.environ.setdefault(THREADS, str(threads_each(worker.num_workers)))
             if self._device == "cuda":
                 if worker is not None:
-                    raise InputError("device='cuda' needs num_workers=0: tensors on a GPU do not leave their process")
+                    raise InputError("device='cuda' needs num_workers=0: a worker cannot send tensors on a GPU")
                 gpus = gpus or (torch.cuda.current_device(),)
                 self._reader = CudaReader(torch.device("cuda", gpus[0]))
             index = egl_index_of_worker(gpus, worker.id if worker is not None else 0)
@@ -145,9 +143,8 @@ class StereoStream(PairDataset):
     def _check_cuda(self, augmentation: Augmentation | None) -> None:
         if self._checked or augmentation is not None or not self._config.images_as_rendered:
             raise InputError(
-                "device='cuda' needs checked=False and a config without a lens, imperfections or augmentation, which "
-                "work on arrays in the computer's memory: change that, or leave device out and let the loader pin "
-                "memory (pin_memory=True)"
+                "device='cuda' needs checked=False, no augmentation, and a config without a lens or imperfections, since "
+                "these use main memory: change them, or use device='cpu' and pin_memory=True in the DataLoader"
             )
         if self._backend == "osmesa" or not torch.cuda.is_available():
-            raise InputError("device='cuda' needs EGL and a GPU that torch finds: leave device out")
+            raise InputError("device='cuda' needs EGL and a GPU that torch finds: use device='cpu'")

@@ -63,7 +63,7 @@ def test_a_scale_is_raised_until_the_crop_fits():
     sides, crop = (400, 600), (250, 400)
     for sequence in range(50):
         drawn = small.sample(crop, sides, 0, sequence)
-        height, width = drawn.source
+        height, width = drawn.source_size
         assert height <= sides[0]
         assert width <= sides[1]
     small.check(crop, sides)
@@ -91,7 +91,7 @@ def test_masks_are_those_of_the_changed_pair_and_truth_does_not_depend_on_colour
     grey = replace(plain, brightness=(1, 1), saturation=(0, 0), noise=(0, 0), blur_px=(0, 0))
     for sequence in range(5):
         changed, other = (
-            changes.applied(pair.cropped(Crop(0, 0, *changes.source[::-1])), np.random.default_rng(0))
+            changes.applied(pair.cropped(Crop(0, 0, *changes.source_size[::-1])), np.random.default_rng(0))
             for changes in (each.sample((20, 30), (32, 48), 0, sequence) for each in (plain, grey))
         )
         assert (changed.left.image != other.left.image).any()

@@ -69,7 +69,7 @@ def both(draw, warp, sides=(60, 80), corner=(37, 21), fy_over_fx=1.0):
             fy_over_fx=fy_over_fx * warp.scale_y / warp.scale_x,
         )
 
-    height, width = warp.source(sides)
+    height, width = warp.source_size(sides)
     changed = warp.applied(draw(0, seen).cropped(Crop(*corner, width, height)), sides)
     expected = draw(0, as_changed)
     for name in ("focal_px", "focal_y_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
@@ -207,7 +207,7 @@ def test_no_part_of_a_moved_image_is_out_of_place(texture, eighths, hundredths):
 def test_what_has_no_disparity_has_none_in_a_moved_pair(movement):
     pair = make_frame(2, {"disparity_change"})
     warp = Warp(*movement, margin=3)
-    crop = pair.cropped(Crop(3, 2, *warp.source((16, 20))[::-1]))
+    crop = pair.cropped(Crop(3, 2, *warp.source_size((16, 20))[::-1]))
     moved = warp.applied(crop, (16, 20))
     unmoved = replace(warp, right_y_px=0, right_roll_rad=0).applied(crop, (16, 20))
     np.testing.assert_array_equal(np.isfinite(moved.left.disparity), np.isfinite(unmoved.left.disparity))
