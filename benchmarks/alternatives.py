@@ -1,9 +1,9 @@
-"""Speed against error: ways to get a pixel's disparity, and antialiasing modes.
+"""Speed against error of alternatives: ways to get a pixel's disparity, and antialiasing modes.
 
     python benchmarks/alternatives.py --json alternatives.json
 
-All alternatives draw the same scenes in turns. The default is bold, and a star marks alternatives that no other one
-dominates in time and error.
+All alternatives render the same scenes in turns. In the tables, the default is bold. A star marks alternatives that no
+other alternative beats in time and error.
 """
 
 import json
@@ -40,15 +40,14 @@ MODES: Mapping[str, str] = {
 }
 """The measured antialiasing modes, with their descriptions."""
 DEFAULT_MODE, REFERENCE = "none", "ssaa8"
-# Repeated timings differ by this share.
+# Relative differences up to this are ties, since repeated timings differ as much.
 _TIE = 0.05
 
 
 def measure(config: Config, seed: int, backend: Backend, pairs: int, rays: int, repeats: int) -> dict[str, Any]:
     """Measure all alternatives on the first pairs of a config.
 
-    Returns:
-        In JSON's types: the scenes, the machine, and rows of `timed_rows` under "get" and "antialias".
+    Returns in JSON's types the scenes, the machine, and rows of `timed_rows` under "get" and "antialias".
     """
     bench = sample_scenes(config, seed, pairs)
     with bench.open_renderer(backend, outputs=("instances",), truth="both") as renderer:
@@ -68,7 +67,7 @@ def measure(config: Config, seed: int, backend: Backend, pairs: int, rays: int, 
 def measure_variants(
     bench: BenchScenes, variants: DisparityVariants, truths: Sequence[SampledTruth], repeats: int
 ) -> list[dict[str, Any]]:
-    """Measure the variants that the driver can do: the time to draw and read back both disparities, and the error."""
+    """Measure the usable variants: the time to render and read back both disparities, and the error."""
     truth = np.concatenate([part.disparity_px for part in truths])
 
     def draw(variant: Variant) -> None:
@@ -98,19 +97,13 @@ def measure_variants(
 def measure_modes(
     bench: BenchScenes, outlines: Sequence[NDArray[np.bool_]], backend: Backend, repeats: int
 ) -> list[dict[str, Any]]:
-    """Measure the antialiasing modes: the time to draw both images with both disparities, and PSNR.
+    """Measure the antialiasing modes: the time to render both images with both disparities, and PSNR.
 
-    Args:
-        bench: the scenes.
-        outlines: for each scene, the left and then the right eye's (H, W) mask of pixels that touch another instance.
-        backend: as of `Renderer`.
-        repeats: how often each mode is timed.
-
-    Returns:
-        Rows with "psnr_db", "psnr_outline_db" and "psnr_inside_db" against `REFERENCE`, 64 samples a pixel: over all
-        pixels, over outline pixels and their eight neighbours, and over the rest.
+    ``outlines`` has, for each scene, the left and then the right eye's mask of `_outlines`. Returns rows with
+    "psnr_db", "psnr_outline_db" and "psnr_inside_db" against `REFERENCE` (64 samples per pixel): over all pixels, over
+    outline pixels and their eight neighbours, and over the rest.
     """
-    near = np.concatenate([_neighbours(outline).ravel() for outline in outlines])
+    near = np.concatenate([_dilated(outline).ravel() for outline in outlines])
     with ExitStack() as stack:
         renderers = {
             mode: stack.enter_context(bench.open_renderer(backend, outputs=(), antialias=mode))
@@ -134,19 +127,19 @@ def timed_rows(
     repeats: int,
     pairs: int,
 ) -> list[dict[str, Any]]:
-    """Time alternatives in turns, each turn beginning with another one, and weigh time against error.
+    """Time alternatives in turns, and compare time and error. Each turn begins with a different alternative.
 
     Args:
-        calls: draws the pairs, by the name of the alternative.
-        figures: keys and values of each alternative's row; "weight" is its error.
+        calls: for each alternative, by name, a function that renders the pairs.
+        figures: for each alternative, keys and values of its row; "weight" is its error.
         default: the alternative with which the others are compared.
         repeats: number of turns.
-        pairs: number of pairs that a call draws.
+        pairs: number of pairs that a call renders.
 
     Returns:
         Rows with "name", the figures, "default", "seconds_per_pair" (median over the turns), "time_ratio" (median of
-        the time over the default's in the same turn), and "on_front": no other alternative is better in time or error
-        by 5 % without being worse in the other by as much.
+        the time over the default's time in the same turn), and "on_front": whether no other alternative is better by
+        more than 5 % in time or error, and not worse by more than 5 % in either.
     """
     names, seconds = list(calls), {name: np.zeros(repeats) for name in calls}
     for turn in range(repeats):
@@ -199,13 +192,13 @@ def table(report: Mapping[str, Any]) -> str:
 
 
 def _pixels(renderer: Renderer, scenes: Sequence[Scene]) -> NDArray[np.uint8]:
-    """Draw scenes; return the pixels of all images, (N, 3)."""
+    """Render scenes; return the pixels of all images, (N, 3)."""
     frames = [renderer.render(scene) for scene in scenes]
     return np.concatenate([as_rgb(frame.view(eye).image).reshape(-1, 3) for frame in frames for eye in EYES])
 
 
 def _outlines(instances: NDArray[np.uint16]) -> NDArray[np.bool_]:
-    """Return the (H, W) mask of pixels that touch another instance above, below or beside them."""
+    """Return the (H, W) mask of pixels next to, above or below a pixel of a different instance."""
     mask = np.zeros(instances.shape, bool)
     beside, below = instances[:, 1:] != instances[:, :-1], instances[1:] != instances[:-1]
     mask[:, 1:] |= beside
@@ -215,8 +208,8 @@ def _outlines(instances: NDArray[np.uint16]) -> NDArray[np.bool_]:
     return mask
 
 
-def _neighbours(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return a mask (H, W) grown by a pixel in all directions."""
+def _dilated(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return a mask (H, W) dilated by a pixel in all directions."""
     return np.asarray(Image.fromarray(mask.astype(np.uint8)).filter(ImageFilter.MaxFilter(3)), bool)
 
 

@@ -2,12 +2,12 @@
 
     python benchmarks/compare_speed.py ../before . --config middlebury --turns 12
 
-In a turn, each checkout makes the same pairs through ``semisynth-gl generate --engine serial``; the checkout that
-begins changes from turn to turn. The time is that between the writing of the first pair's and of the last pair's left
-image, so that start and first pair do not count. Both run with the Python that runs this script.
+In a turn, each checkout makes the same pairs with ``semisynth-gl generate --engine serial``; they take turns to begin.
+The time is from the writing of the first pair's left image to that of the last pair's, without start and first pair.
+Both checkouts use the Python that runs this script.
 
-The result is the median over the turns of the second checkout's time divided by the first one's, with its 90 %
-confidence interval (bootstrap over the turns). Run it on an idle machine.
+The result is the median over the turns of the second checkout's time divided by the first checkout's time, with its
+90 % confidence interval (bootstrap over the turns). Run it on an idle machine.
 """
 
 import os
@@ -25,7 +25,7 @@ _RESAMPLES = 10_000
 
 
 def run(checkout: Path, work: Path, *arguments: str) -> str:
-    """Run Python on a checkout, with its cache in ``work``; return what it prints."""
+    """Run Python with a checkout's package and a cache in ``work``; return its standard output."""
     environment = os.environ | {"PYTHONPATH": str(checkout), "SEMISYNTH_GL_CACHE": str(work / "cache")}
     command = [sys.executable, *arguments]
     result = subprocess.run(command, cwd=checkout, env=environment, check=False, capture_output=True, text=True)
@@ -35,7 +35,7 @@ def run(checkout: Path, work: Path, *arguments: str) -> str:
 
 
 def seconds(checkout: Path, work: Path, config: str, pairs: int) -> float:
-    """Make one pair more than asked for, and return the seconds without the first pair."""
+    """Make ``pairs`` + 1 pairs, and return the seconds without the first pair."""
     out = work / "dataset"
     shutil.rmtree(out, ignore_errors=True)
     arguments = ("generate", "--config", config, "--pairs", str(pairs + 1), "--out", str(out), "--engine", "serial")
@@ -47,7 +47,7 @@ def seconds(checkout: Path, work: Path, config: str, pairs: int) -> float:
 
 
 def median_interval(ratios: np.ndarray) -> tuple[float, float, float]:
-    """Return the median of ratios, and its 90 % confidence interval: bootstrap over the turns."""
+    """Return the median of ratios, and its 90 % confidence interval by bootstrap."""
     resamples = np.random.default_rng(0).choice(ratios, (_RESAMPLES, len(ratios)))
     least, most = np.quantile(np.median(resamples, axis=1), [0.05, 0.95])
     return float(np.median(ratios)), float(least), float(most)
@@ -56,9 +56,9 @@ def median_interval(ratios: np.ndarray) -> tuple[float, float, float]:
 @click.command()
 @click.argument("before", type=click.Path(exists=True, path_type=Path, resolve_path=True))
 @click.argument("after", type=click.Path(exists=True, path_type=Path, resolve_path=True))
-@click.option("--config", default="middlebury", show_default=True, help="Of the layout middlebury.")
+@click.option("--config", default="middlebury", show_default=True, help="A config with the layout middlebury.")
 @click.option("--turns", type=click.IntRange(1), default=12, show_default=True)
-@click.option("--pairs", type=click.IntRange(1), default=24, show_default=True, help="In a turn.")
+@click.option("--pairs", type=click.IntRange(1), default=24, show_default=True, help="Pairs per turn.")
 def main(before: Path, after: Path, config: str, turns: int, pairs: int) -> None:
     """Compare the time of AFTER with that of BEFORE."""
     with tempfile.TemporaryDirectory() as folder:

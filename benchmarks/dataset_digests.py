@@ -5,12 +5,12 @@ Run it before and after a change that must not change any dataset, with the same
     python benchmarks/dataset_digests.py > before.txt
     python benchmarks/dataset_digests.py --compare before.txt
 
-Each line has a name and two digests. The first digest covers all files of the pairs, the lists and the links, by name
-and content. The second digest covers index, card and records; it may change where those files name
-versions. The shards' logs, which say how long it took, are in neither.
+Each line has a name and two digests. The first digest covers names and contents of the pairs' files, lists and links.
+The second digest covers index, card and records, which may name versions. Neither covers the shards' logs, which
+contain times.
 
-With --compare each dataset has a line that says whether its files are the same. The exit code is 1 where pairs of a
-dataset differ, and where only one of both runs has the dataset.
+With --compare, a line for each dataset says whether its files are the same. The exit code is 1 if the pairs of a
+dataset differ, or if only one of the two runs has the dataset.
 """
 
 import argparse
@@ -34,9 +34,9 @@ FREE_LAYOUTS = ("middlebury", "webdataset")
 ENCODINGS = (("png", "pfm", "flo"), ("png", "png16", "pfm"), ("png", "pfm", "png16"))
 DESCRIPTIONS = ("index.json", "README.md")
 SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set", "textures.max_patches=64")
-# Small images, in a layout that has every output.
+# The layout has files for every output.
 ETH3D = ("--config", "eth3d", "--pairs", "2", "--layout", "middlebury")
-# What loaders of some layouts do not know has cases of its own.
+# Some layouts have no files for these outputs, so they have separate cases.
 OF_LENSES = ("valid", "raw", "raw_map")
 OF_RIGS = ("correspondence", "sky", *OF_LENSES)
 MOVING = (
@@ -57,7 +57,7 @@ DEVIATING = ("--set", "rig.right_roll_deg=[-1,1]", "--set", "rig.right_pitch_deg
 
 
 def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Name each dataset, with the options of `semisynth-gl generate` that make it."""
+    """Yield the name of each dataset, and the options of `semisynth-gl generate` that make it."""
     for config in packaged_configs():
         yield f"config/{config}", ("--config", config, "--pairs", "2")
     for layout in LAYOUTS:
@@ -92,7 +92,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def make_photographs(folder: Path) -> None:
-    """Write three pictures of smooth noise, for the configs that want the user's."""
+    """Write three pictures of smooth noise for the configs that need the user's photographs."""
     folder.mkdir()
     rng = np.random.default_rng(0)
     for number in range(3):
@@ -103,7 +103,7 @@ def make_photographs(folder: Path) -> None:
 
 
 def digests(folder: Path) -> tuple[str, str]:
-    """Digest a dataset's files: those of its pairs, and those that describe it."""
+    """Return two digests of a dataset: of the files of its pairs, and of the files that describe it."""
     pairs, descriptions = hashlib.sha256(), hashlib.sha256()
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -120,7 +120,7 @@ def digests(folder: Path) -> tuple[str, str]:
 
 
 def make(name: str, options: Sequence[str], folder: Path) -> str:
-    """Make one dataset below a folder that holds the photographs, and return its line."""
+    """Make a dataset in the folder of the photographs, and return its line."""
     out = folder / name.replace("/", "-")
     images = ("--images", "photographs") if name.endswith("textures-target") else ()
     command = [sys.executable, "-m", "semisynth_gl", "generate", *options, *images, *SMALL, "--workers", "1"]
@@ -138,13 +138,13 @@ def read_lines(path: Path) -> dict[str, list[str]]:
 
 
 def main() -> None:
-    """Print the lines; with --compare, say of each dataset whether it is the same, and exit with 1 where one is not."""
+    """Print the lines; with --compare, compare each dataset, and exit with 1 if any differs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--compare", type=Path, metavar="FILE", help="lines of an earlier run")
     parser.add_argument("--only", default="", metavar="TEXT", help="datasets whose name contains this")
     arguments = parser.parse_args()
     before = read_lines(arguments.compare) if arguments.compare else {}
-    # What only one of both runs has differs too.
+    # Datasets of only one run count as different.
     missing = [name for name in before if arguments.only in name and name not in dict(cases())]
     for name in missing:
         print(f"DIFFERENT, no longer made: {name}", flush=True)

@@ -1,4 +1,4 @@
-"""Variants of how a pixel gets its disparity: the renderer's own and those that it does not offer."""
+"""Ways to compute a pixel's disparity: the renderer's way, and alternatives that it does not offer."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -31,12 +31,12 @@ VARIANTS: Mapping[Variant, str] = {
     "w-direct": "gl_FragCoord.w times f B",
     "plane64": "plane equation of the triangle, double precision",
 }
-"""What is drawn, by the name of the variant."""
+"""Descriptions of the variants."""
 RENDERERS_VARIANT: Variant = "w-direct"
 
 _DEPTH_BUFFER_VARIANTS: tuple[Variant, ...] = ("depth24", "depth24-tight", "depth32f")
 _DEFINES: dict[Variant, dict[str, int]] = {"linear": {"LINEAR": 1}, "plane64": {"PLANE64": 1}}
-# A near plane as viewers set it, without knowing the scene.
+# A near plane that is usual if the scene is unknown.
 _CUSTOMARY_NEAR_M = 0.05
 # A 24-bit buffer's step in 1/Z is (1/near - 1/far) / 2^24: the far plane does not matter and is put far away.
 _FAR_M = 1e5
@@ -61,17 +61,17 @@ VARIANT_SHADERS = str(_SHADERS / "variant.vert"), str(_SHADERS / "variant.frag")
 
 
 class DisparityVariants:
-    """Draws the disparity of one eye by any variant. Use it in a ``with`` block, in the thread that made it.
+    """Renders the disparity of one eye by any variant. Use it in a ``with`` block, in the thread that made it.
 
     Args:
-        models: the meshes that `Scene.model` counts.
+        models: the meshes that `Scene.model` indexes.
         backend: "auto", "egl" or "osmesa".
 
     Attributes:
-        usable: the variants that the driver can do, in the order of `VARIANTS`; not every driver has doubles.
+        usable: the variants that the driver supports, in the order of `VARIANTS`; some drivers have no doubles.
 
     Raises:
-        BackendError: where no context can be opened.
+        BackendError: if no context can be opened.
     """
 
     def __init__(self, models: Sequence[Mesh], backend: Backend = "auto") -> None:
@@ -106,18 +106,9 @@ class DisparityVariants:
         self.release()
 
     def disparity(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
-        """Draw one eye's disparity.
+        """Return one eye's disparity by a variant of `usable`: (H, W) float32 px.
 
-        Args:
-            scene: indices must lie within the models.
-            eye: "left" or "right".
-            variant: one of `usable`.
-
-        Returns:
-            (H, W) float32 px; inf where it is not positive or nothing is seen.
-
-        Raises:
-            BackendError: where the driver reports an error.
+        It is inf where it is not positive or nothing is seen. Raises BackendError if the driver reports an error.
         """
         if variant in _DEPTH_BUFFER_VARIANTS:
             disparity = self._from_depth_buffer(scene, eye, variant)
@@ -169,7 +160,7 @@ class DisparityVariants:
             target.use()
             target.clear(depth=1.0)
             self._draw(scene, eye, self._programs[variant], projection=projection)
-            # float32 holds each of the 2^24 values once, so the buffer's integers come back from it.
+            # float32 represents all 2^24 values, so rounding recovers the buffer's integers.
             steps = np.rint(self._read_depth(target).astype(np.float64) * _STEPS_24)
             inverse_depth = 1 / near - steps / _STEPS_24 * (1 / near - 1 / _FAR_M)
             seen = steps < _STEPS_24
@@ -179,7 +170,7 @@ class DisparityVariants:
     def _draw(
         self, scene: Scene, eye: Eye, program: moderngl.Program, *, projection: NDArray[np.float64] | None = None
     ) -> None:
-        """Draw one eye into the framebuffer in use; with a projection that is handed in, depth grows with distance."""
+        """Draw one eye into the current framebuffer; with ``projection``, depth increases with distance."""
         filled = self._models.fill(self._composer.compose(scene), eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"
@@ -213,7 +204,7 @@ class DisparityVariants:
 
     @staticmethod
     def _read_depth(target: moderngl.Framebuffer) -> NDArray[np.float32]:
-        """Copy the depth buffer itself out, (H, W) float32, top row first."""
+        """Return the depth buffer, (H, W) float32, top row first."""
         width, height = target.size
         return np.frombuffer(target.read(attachment=-1, components=1, dtype="f4"), np.float32).reshape(height, width)
 

@@ -1,9 +1,9 @@
-"""Pairs per second into memory, by number of processes: a StereoStream read through a DataLoader.
+"""Pairs per second of a StereoStream in a DataLoader, by number of processes.
 
     python benchmarks/memory_rates.py --config sceneflow --workers 1,2,4,8,16
-    python benchmarks/memory_rates.py --device cuda     # tensors on a GPU, rendered by this process alone
+    python benchmarks/memory_rates.py --device cuda     # tensors on a GPU, rendered in this process
 
-The time counts from when every process has made its first pair until the last pair.
+The time is from when every process has made its first pair until the last pair.
 """
 
 import time
@@ -18,10 +18,10 @@ from semisynth_gl.torch import StereoStream
 
 
 def rate(config: str, settings: tuple[str, ...], workers: int, pairs: int, device: str) -> float:
-    """Return pairs per second; with 0 ``workers``, of this process."""
+    """Return pairs per second; with 0 ``workers``, this process renders."""
     first = max(1, workers)
     stream = StereoStream(load_config(config, settings), 0, pairs + first, checked=False, device=device)
-    # Forked processes have no OpenGL once this one has used it or CUDA.
+    # Forked processes cannot use OpenGL if this process has used OpenGL or CUDA.
     loader = iter(
         DataLoader(stream, batch_size=None, num_workers=workers, multiprocessing_context="spawn" if workers else None)
     )

@@ -1,4 +1,4 @@
-"""Draw the JSON of alternatives.py: error against time.
+"""Plot the JSON of alternatives.py: error against time.
 
 python benchmarks/plot.py alternatives.json --out accuracy.png
 """
@@ -16,7 +16,7 @@ _FRONT, _OFF, _DEFAULT = "#b5521b", "#8a8f98", "#1f5fa8"
 
 
 def draw(report: Mapping[str, Any]) -> Figure:
-    """Draw a panel for the ways to get the disparity, and one for antialiasing."""
+    """Return a figure with a panel for the ways to get disparity, and a panel for antialiasing."""
     figure = Figure(figsize=(10.0, 4.6), dpi=80, layout="constrained")
     FigureCanvasAgg(figure)
     machine, (width, height) = report["machine"], report["sizes_px"][0]
@@ -35,7 +35,7 @@ def draw(report: Mapping[str, Any]) -> Figure:
             colour = _DEFAULT if row["default"] else _FRONT if row["on_front"] else _OFF
             point = row["time_ratio"], value(row)
             axis.scatter(*point, s=60 if row["default"] else 30, color=colour)
-            # Left and right of the points in turn, since neighbours are often alike.
+            # Alternately right and left of the points, since successive points are often close.
             offset, side = ((6, 4), "left") if number % 2 == 0 else ((-6, 4), "right")
             axis.annotate(row["name"], point, offset, textcoords="offset points", fontsize=8, color=colour, ha=side)
         axis.set(title=title, xlabel="time / the default's", ylabel=label)
@@ -49,7 +49,7 @@ def draw(report: Mapping[str, Any]) -> Figure:
 @click.argument("report", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="A name that ends in .png.")
 def main(report: Path, out: Path) -> None:
-    """Draw REPORT."""
+    """Plot REPORT."""
     draw(json.loads(report.read_text(encoding="utf-8"))).savefig(out, format="png")
 
 

@@ -1,7 +1,7 @@
-"""Measure what docs/accuracy.md and docs/performance.md rest on, and write it to benchmarks/results.
+"""Repeat measurements that docs/accuracy.md and docs/performance.md quote, and write them to benchmarks/results.
 
     python benchmarks/record.py alternatives   # measure again, write results/alternatives.json and .md
-    python benchmarks/record.py --pages        # write all pages anew from the JSON that is there
+    python benchmarks/record.py --pages        # write all pages again from the JSON in results
 
 Run it on an idle machine.
 """
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 sys.path.append(str(ROOT / "benchmarks" / "peers"))
 
-import run as peers  # noqa: E402 - found once the path above is set
+import run as peers  # noqa: E402 - needs the path above
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +33,10 @@ class Result:
 
     Attributes:
         title: heading of the page.
-        text: what is measured, and how its columns are read.
-        command: arguments of Python; ``--json FILE`` is added.
-        headline: from a report to a line about scenes and machine.
-        table: from a report to Markdown.
+        text: description of the measurement and of the columns.
+        command: arguments of Python, without ``--json FILE``.
+        headline: returns a line on scenes and machine of a report.
+        table: returns a report as Markdown.
     """
 
     title: str
@@ -90,7 +90,7 @@ MEASUREMENTS: Mapping[str, Result] = {
 
 
 def page(name: str, report: Mapping[str, Any]) -> str:
-    """Write the page of a measurement from its report."""
+    """Return the page of a measurement, given its report."""
     result = MEASUREMENTS[name]
     parts = [
         f"# {result.title}",
@@ -107,9 +107,9 @@ def page(name: str, report: Mapping[str, Any]) -> str:
 
 @click.command()
 @click.argument("names", nargs=-1, type=click.Choice(list(MEASUREMENTS)))
-@click.option("--pages", is_flag=True, help="Write all pages from the JSON that is there.")
+@click.option("--pages", is_flag=True, help="Write all pages from the JSON in results.")
 def main(names: tuple[str, ...], *, pages: bool) -> None:
-    """Measure NAMES anew, and write their JSON and pages."""
+    """Repeat the measurements NAMES, and write their JSON and pages."""
     for name in names:
         command = [sys.executable, *MEASUREMENTS[name].command, "--json", f"benchmarks/results/{name}.json"]
         subprocess.run(command, cwd=ROOT, check=True)

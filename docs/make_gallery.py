@@ -1,6 +1,6 @@
-"""Draw the pictures of the site's gallery, and write its page, gallery.md, beside them.
+"""Make the pictures of the site's gallery and its page, gallery.md.
 
-Run it as ``python docs/make_gallery.py build/gallery``; `make docs` does.
+`make docs` runs it as ``python docs/make_gallery.py build/gallery``.
 """
 
 import sys
@@ -25,10 +25,10 @@ from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 Floats = NDArray[np.floating]
 PaintedPicture = NDArray[np.uint8]
 
-# The one config that cannot do without photographs gets those of a Middlebury scene, which scikit-image ships.
+# Photographs for the config that needs some: a Middlebury scene from scikit-image.
 TARGET = [f"textures.images=[{Path(data_dir) / 'motorcycle_left.png'}, {Path(data_dir) / 'motorcycle_right.png'}]"]
 
-# A value on either side where the imperfection goes both ways. A key without a row here has no picture: an error.
+# The values that are shown of each imperfection; a key that is missing here is an error.
 IMPERFECTIONS = {
     "exposure_stops": (-1, 1),
     "gamma": (0.5, 2),
@@ -41,13 +41,11 @@ IMPERFECTIONS = {
     "sharpening": (1, 3),
     "jpeg_quality": (60, 15),
 }
-# What shows nothing by itself.
+# Further keys for imperfections that would otherwise change nothing.
 _SWAY = ("camera.sway_m=0.1", "camera.sway_deg=2")
 BESIDE = {"motion_blur": _SWAY, "sub_frames": (*_SWAY, "imperfections.motion_blur=1")}
 
-# Both eyes move and things fall, so that nothing of what a config can ask for is empty.
-# Floating things, which move by themselves.
-# Before a sky, for its mask, and through a lens that leaves a border.
+# A config whose outputs all show something: rig and things move in front of a sky, and the lens leaves a border.
 _EYE = "{fx_px: 1120, distortion: [-0.3, 0.1, 0, 0], rotation_deg: [0, 0.5, 1]}"
 MOVING = [
     *("scenes=[]", "camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=3", f"outputs=[{','.join(OUTPUTS)}]"),
@@ -59,7 +57,7 @@ MODEL_PX, SAMPLES, DISTANCE_M = 180, 3, 6.0
 
 
 def save(picture: PaintedPicture | Floats, path: Path, width: int) -> None:
-    """Write a picture, uint8 or 0 to 1, at most ``width`` pixels wide."""
+    """Write a picture, uint8 or floats from 0 to 1, at most ``width`` pixels wide."""
     if picture.dtype != np.uint8:
         picture = np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8)
     image = Image.fromarray(picture).convert("RGB")
@@ -69,7 +67,7 @@ def save(picture: PaintedPicture | Floats, path: Path, width: int) -> None:
 
 
 def figure(name: str, meaning: str, path: str) -> str:
-    """Return the Markdown of a picture with its caption."""
+    """Return the Markdown of a picture with a caption."""
     return (
         f'<figure markdown="span">\n![{name}](gallery/{path}){{ loading=lazy }}\n'
         f'<figcaption markdown="span">{meaning}</figcaption>\n</figure>\n'
@@ -77,21 +75,21 @@ def figure(name: str, meaning: str, path: str) -> str:
 
 
 def colours(values: Floats, name: str, low: float, high: float) -> Floats:
-    """Colour finite values by a map of matplotlib; the others are black."""
+    """Colour finite values by matplotlib's colour map ``name``; all others are black."""
     shown = mpl.colormaps[name]((np.where(np.isfinite(values), values, low) - low) / (high - low))[..., :3]
     shown[~np.isfinite(values)] = 0
     return shown
 
 
 def beside(*pictures: PaintedPicture | Floats) -> Floats:
-    """Put pictures of one height beside each other, with a white gap."""
+    """Join pictures of one height from left to right, with white gaps."""
     parts = [picture / 255 if picture.dtype == np.uint8 else picture for picture in pictures]
     gap = np.ones((parts[0].shape[0], parts[0].shape[1] // 60, 3))
     return np.concatenate([each for part in parts for each in (part, gap)][:-1], axis=1)
 
 
 def draw_configs(folder: Path) -> Iterator[str]:
-    """Draw a pair of each packaged config: the left image and its disparity."""
+    """Make a picture of each packaged config: a left image and its disparity."""
     for name, summary in summaries().items():
         frame = render_pair(load_config(name, TARGET if name.endswith("-target") else []), index=3)
         disparity = frame.left.disparity
@@ -113,7 +111,7 @@ def seen_from_above() -> NDArray[np.float64]:
 
 
 def draw_model(renderer: Renderer, model: int, layer: int) -> Floats:
-    """Draw a model with a patch on it, lit from the top left, on white; (H, W, 3), 0 to 1."""
+    """Return a picture of a model with a patch, lit from the top left, on white; (H, W, 3), 0 to 1."""
     side = MODEL_PX * SAMPLES
     camera = StereoCamera.centred(side, side, focal_px=side / 2 * DISTANCE_M / 1.02, baseline_m=0.1)
     scene = make_scene(camera, model=[model], world_from_model=[seen_from_above()], layer=[layer], uv_scale=(0.7, 0.7))
@@ -126,20 +124,20 @@ def draw_model(renderer: Renderer, model: int, layer: int) -> Floats:
 
 
 def draw_models(folder: Path, kinds: Iterable[str]) -> Iterator[str]:
-    """Draw the variants of each of these kinds beside each other."""
+    """Make a picture of the variants of each of these kinds."""
     with PairRenderer(load_config("sceneflow"), seed=0) as pairs:
         models, layers = pairs.sampler.models, pairs.sources.atlas.layers
     numbers = {name: [number for number, model in enumerate(models) if model.name == name] for name in kinds}
     with Renderer(models, layers, outputs=("normals",), truth="left") as renderer:
-        for place, (name, variants) in enumerate(numbers.items()):
-            patches = (np.arange(len(variants)) + 7 * place) % len(layers)
-            drawn = [draw_model(renderer, *pair) for pair in zip(variants, patches, strict=True)]
-            save(np.concatenate(drawn, axis=1), folder / "models" / f"{name}.jpg", len(drawn) * MODEL_PX)
+        for number, (name, variants) in enumerate(numbers.items()):
+            patches = (np.arange(len(variants)) + 7 * number) % len(layers)
+            tiles = [draw_model(renderer, *pair) for pair in zip(variants, patches, strict=True)]
+            save(np.concatenate(tiles, axis=1), folder / "models" / f"{name}.jpg", len(tiles) * MODEL_PX)
             yield figure(name, f"`{name}`", f"models/{name}.jpg")
 
 
-def sample_imperfections(folder: Path) -> Iterator[str]:
-    """Draw a part of one image without any imperfection, and with each of them alone."""
+def draw_imperfections(folder: Path) -> Iterator[str]:
+    """Make pictures of a part of one image without imperfections, and with each single imperfection."""
     settings = [(key, value) for key in ImperfectionsSection.model_fields for value in IMPERFECTIONS[key]]
     for number, (key, value) in enumerate([("", 0.0), *settings]):
         config = load_config("sceneflow", [f"imperfections.{key}={value}", *BESIDE.get(key, ())] if key else [])
@@ -150,25 +148,25 @@ def sample_imperfections(folder: Path) -> Iterator[str]:
 
 
 def show_flow(flow: Floats) -> Floats:
-    """Colour flow: hue is its direction, saturation its length."""
+    """Return colours of flow: the hue is its direction, and the saturation its length."""
     length = np.hypot(flow[..., 0], flow[..., 1])
     angle = np.arctan2(flow[..., 1], flow[..., 0]) / (2 * np.pi) % 1
     return hsv_to_rgb(np.stack([angle, np.clip(length / 40, 0, 1), np.ones_like(length)], axis=2))
 
 
 def show_ids(ids: NDArray[np.uint16]) -> Floats:
-    """Give each id a colour of its own; 0 is black."""
+    """Return a random colour for each id; 0 is black."""
     table = hsv_to_rgb(np.random.default_rng(5).uniform((0, 0.35, 0.55), (1, 0.9, 1), (int(ids.max()) + 1, 3)))
     table[0] = 0
     return table[ids]
 
 
 def quantile_colours(name: str) -> Callable[[Floats], Floats]:
-    """Return what colours values between their extreme hundredths."""
+    """Return a function that colours values from their 1 % to their 99 % quantile."""
     return lambda values: colours(values, name, *np.quantile(values[np.isfinite(values)], (0.01, 0.99)))
 
 
-# How a channel is shown. A channel that is missing here has no picture: an error.
+# The picture of each channel; a channel that is missing here is an error.
 SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | PaintedPicture]] = {
     "image": lambda image: image,
     "disparity": quantile_colours("inferno"),
@@ -190,7 +188,7 @@ SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | PaintedPicture]] = {
 
 
 def draw_outputs(folder: Path) -> Iterator[str]:
-    """Draw each channel of one left view."""
+    """Make a picture of each channel of a left view."""
     with PairRenderer(load_config("sceneflow", MOVING), seed=0) as pairs:
         view: ViewArrays = pairs.render(13).frame.left
     for name, channel in CHANNELS.items():
@@ -199,17 +197,17 @@ def draw_outputs(folder: Path) -> Iterator[str]:
 
 
 def caption(channel: Channel[np.generic]) -> str:
-    """Return a channel's name, the output that it belongs to, and its meaning."""
+    """Return a channel's name, its output if that has a different name, and its meaning."""
     output = "" if channel.output in (None, channel.name) else f" (output `{channel.output}`)"
     return f"`{channel.name}`{output}: {channel.meaning.format(view='left', other='right')}"
 
 
-# What draws each section's pictures and yields their Markdown, by the section's name on the page.
+# Functions that make a section's pictures and yield their Markdown, by the section's name in PAGE.
 SECTIONS: dict[str, Callable[[Path], Iterator[str]]] = {
     "configs": draw_configs,
     "complex-models": partial(draw_models, kinds=COMPLEX_KINDS),
     "simple-models": partial(draw_models, kinds=SIMPLE_KINDS),
-    "imperfections": sample_imperfections,
+    "imperfections": draw_imperfections,
     "outputs": draw_outputs,
 }
 
@@ -249,7 +247,7 @@ The left view of a pair, and all that `--outputs` adds to it; [output](output.md
 
 
 def main(folder: Path) -> None:
-    """Draw all sections, and write the page."""
+    """Make all pictures and the page."""
     drawn = {name: "\n".join(draw(folder)) for name, draw in SECTIONS.items()}
     pictures = {name: f'<div class="pictures {name}" markdown>\n\n{text}\n</div>' for name, text in drawn.items()}
     (folder / "gallery.md").write_text(PAGE.format(**pictures), "utf-8")

@@ -1,4 +1,4 @@
-"""Draw the pictures of README and docs/rigs.md: a pair and its disparity, and two frames and their flow.
+"""Make the pictures of README and docs/rigs.md: a pair with its disparity, and two frames with their flow.
 
 Run it as ``python docs/make_picture.py docs/images``.
 """
@@ -17,21 +17,21 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 
 
 def strip(panels: list[NDArray[np.uint8]], path: Path) -> None:
-    """Put pictures of one size beside each other, at half their size."""
+    """Write pictures of one size from left to right, at half their size."""
     gap = np.full((panels[0].shape[0], 12, 3), 255, np.uint8)
     beside = [part for panel in panels for part in (panel, gap)][:-1]
     Image.fromarray(np.concatenate(beside, axis=1)).reduce(2).save(path, quality=75)
 
 
 def draw_pair(path: Path) -> None:
-    """Draw left, right and disparity."""
+    """Show left and right image, and the disparity."""
     frame = render_pair(load_config("sceneflow"), index=1)
     shown = mpl.colormaps["inferno"](frame.left.disparity / 200)[..., :3]
     strip([frame.left.image, frame.right.image, (255 * shown).astype(np.uint8)], path)
 
 
 def draw_flow(path: Path) -> None:
-    """Draw two frames, the flow between them (hue its direction, saturation its length), and where it is hidden."""
+    """Show two frames, the flow between them (hue for its direction, saturation for its length), and its mask."""
     config = load_config("sceneflow", ["scenes=[]", "camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=2"])
     with PairRenderer(config.model_copy(update={"outputs": ("flow",), "truth": "left"}), 1) as renderer:
         now, then = renderer.render(0).frame, renderer.render(1).frame

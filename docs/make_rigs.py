@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/rigs.md.
+"""Make the pictures of docs/rigs.md.
 
 Run it as ``python docs/make_rigs.py docs/images``.
 """
@@ -22,13 +22,13 @@ _OPEN = ("scenes=[]", "background.cuboid=0", "background.room=0")
 
 
 def draw_baselines(path: Path) -> None:
-    """Draw a left view, and three right views of it, each above the left disparity that belongs to it."""
+    """Show a left image and depth, and three right images, each above the left disparity of its pair."""
     rig = {"width_px": 640, "baselines": [0.25, 0.5, 1.0], "baseline_m": None}
     with PairRenderer(load_config("sceneflow", {"camera": rig, "outputs": ["depth"]}), 0) as renderer:
         frames = [renderer.render(3 + view).frame for view in range(3)]
     left = frames[0].left
     largest = float(frames[-1].left.disparity.max())
-    # What is nearer is brighter, as in disparity.
+    # Inverse depth, so that near things are bright, as in the disparities.
     above = [left.image, *(frame.right.image for frame in frames)]
     below = [_coloured(1 / left.depth, largest / frames[-1].camera.focal_baseline)]
     below += [_coloured(frame.left.disparity, largest) for frame in frames]
@@ -42,7 +42,7 @@ def _coloured(values: NDArray[np.float32], largest: float) -> NDArray[np.uint8]:
 
 
 def draw_signed(path: Path) -> None:
-    """Draw left, right and signed disparity, whose colours part at 0."""
+    """Show left and right image, and signed disparity in a colour map that changes its hue at 0."""
     rig = ("camera.doffs_px=40", "disparity.signed=true", "disparity.min_px=-35", "disparity.max_px=60")
     keys = ("background.street=1", "background.plane_disparity_px=-38", "disparity.target={form: uniform}")
     with PairRenderer(load_config("sceneflow", [*_OPEN, *rig, *keys]), 1) as renderer:
@@ -52,7 +52,7 @@ def draw_signed(path: Path) -> None:
 
 
 def draw_sky(path: Path) -> None:
-    """Draw left, disparity and the mask of the sky."""
+    """Show left image, disparity and the mask of the sky."""
     keys = ("disparity.signed=true", "background.street=1", "background.sky=1", "outputs=[sky]")
     few = "particles.layers=[{count: 4, disparity_px: [20, 60]}]"
     with PairRenderer(load_config("sceneflow", [*_OPEN, *keys, few]), 1) as renderer:
@@ -62,9 +62,9 @@ def draw_sky(path: Path) -> None:
     strip([frame.left.image, (255 * shown).astype(np.uint8), mask], path)
 
 
-# Each key of a camera alone, strongly, in the order in which a camera has them.
+# A large value of each imperfection, in the order in which cameras cause them.
 CAMERA: Mapping[str, str] = {
-    "": "as drawn",
+    "": "as rendered",
     "motion_blur": "0.8",
     "blur_px": "1.5",
     "vignetting": "0.7",
@@ -83,7 +83,7 @@ COLUMNS, GAP_PX = 4, 6
 
 
 def draw_rectification(path: Path) -> None:
-    """Draw both images of a pair whose right camera deviates, and how far its rows are off."""
+    """Show both images of a pair whose right camera deviates, and the vertical displacement."""
     config = load_config(
         "sceneflow", ["rig.right_roll_deg=2", "rig.right_y_px=6", "disparity.signed=true", "outputs=[correspondence]"]
     )
@@ -93,7 +93,7 @@ def draw_rectification(path: Path) -> None:
 
 
 def draw_grey(path: Path) -> None:
-    """Draw a left image in colour, and both images in grey."""
+    """Show a left image in colour, and both images in grey."""
     coloured, grey = (
         render_pair(load_config("sceneflow", [f"camera.colour={colour}"]), index=1) for colour in ("rgb", "grey")
     )
@@ -101,7 +101,7 @@ def draw_grey(path: Path) -> None:
 
 
 def draw_cameras(path: Path) -> None:
-    """Draw a left image with each imperfection alone, then both images of a pair with all of them."""
+    """Show a left image with each single imperfection, then both images of a pair with several imperfections."""
     moving = ["scale=0.32", "camera.sway_m=0.1", "camera.sway_deg=2", "sequence.frame_s=0.15", "antialias=ssaa2"]
     tiles = {}
     for key, value in CAMERA.items():
@@ -126,7 +126,7 @@ def draw_cameras(path: Path) -> None:
 
 
 def draw_lenses(path: Path) -> None:
-    """Draw a raw image, the rectified one, and which of its pixels both cameras saw."""
+    """Show a raw image, the rectified image, and the mask of its pixels that both cameras saw."""
     eye = {"fx_px": 1150, "distortion": [-0.35, 0.12, 0, 0], "rotation_deg": [0.3, -1.5, 1.2]}
     lens = {"raw_width_px": 960, "raw_height_px": 540, "left": eye, "right": eye | {"rotation_deg": [0, 1, -0.8]}}
     config = load_config("sceneflow", {"lens": lens, "outputs": ["visibility", "valid", "raw"]})
@@ -135,15 +135,15 @@ def draw_lenses(path: Path) -> None:
     strip([view.raw, view.image, np.repeat(view.visibility[:, :, None], 3, axis=2)], path)
 
 
-def sample_projector(path: Path) -> None:
-    """Draw a pair under dots, and its disparity."""
+def draw_projector(path: Path) -> None:
+    """Show a pair with projected dots, and its disparity."""
     with PairRenderer(load_config("active-infrared", {"projector": {"power": 14, "ambient": 0.5}}), 0) as renderer:
         frame = renderer.render(3).frame
     shown = _coloured(frame.left.disparity, float(np.quantile(frame.left.disparity, 0.98)))
     strip([as_rgb(frame.left.image), as_rgb(frame.right.image), shown], path)
 
 
-DRAWN: dict[str, Callable[[Path], None]] = {
+PICTURES: Mapping[str, Callable[[Path], None]] = {
     "rigs-baselines.jpg": draw_baselines,
     "rigs-signed.jpg": draw_signed,
     "rigs-sky.jpg": draw_sky,
@@ -151,10 +151,10 @@ DRAWN: dict[str, Callable[[Path], None]] = {
     "rigs-cameras.jpg": draw_cameras,
     "rigs-grey.jpg": draw_grey,
     "rigs-lenses.jpg": draw_lenses,
-    "rigs-projector.jpg": sample_projector,
+    "rigs-projector.jpg": draw_projector,
 }
-"""What draws each picture, by the picture's name."""
+"""The functions that make the pictures, by the pictures' names."""
 
 if __name__ == "__main__":
-    for name, draw in DRAWN.items():
+    for name, draw in PICTURES.items():
         draw(Path(sys.argv[1]) / name)

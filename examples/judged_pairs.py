@@ -1,4 +1,4 @@
-"""Real pairs with truth that a network is judged by, and a picture of what it makes of one."""
+"""Pairs with truth on which a network is evaluated, and a figure of its prediction for a pair."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -24,15 +24,15 @@ Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 class JudgedPairs(Dataset[dict[str, Any]]):
-    """Pairs that are judged together; they are read when they are asked for.
+    """Pairs that are evaluated together; each access reads a pair.
 
     An item has the ``name`` of the pair, the title of its ``set``, the ``protocol``, ``left`` and ``right`` as
     (3, H, W) uint8, and the ``truth`` of the left view.
 
     Args:
-        title: what they are.
-        protocol: by whose definitions they are judged.
-        pairs: of each pair the name, what reads its images (H, W, 3), and what reads its truth.
+        title: name of the set.
+        protocol: the benchmark whose error measures are used.
+        pairs: for each pair its name, a function that reads its images (H, W, 3), and one that reads its truth.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class JudgedPairs(Dataset[dict[str, Any]]):
         return len(self._pairs)
 
     def __getitem__(self, number: int) -> dict[str, Any]:
-        """Read a pair; raise InputError where its images and its truth differ in size."""
+        """Read a pair; raise InputError if its images and its truth differ in size."""
         name, read_images, read_truth = self._pairs[number]
         images, truth = read_images(), read_truth()
         sizes = {each.shape[:2] for each in (*images, truth.disparity)}
@@ -57,24 +57,21 @@ class JudgedPairs(Dataset[dict[str, Any]]):
 
 
 def motorcycle() -> JudgedPairs:
-    """Middlebury's Motorcycle at a quarter of its size, 741 x 500 px, as the scikit-image package ships it.
+    """Return Middlebury's Motorcycle at a quarter of its size, 741 x 500 px, from scikit-image.
 
-    No photograph that the program takes from that package shows it; ``assets/photographs.yaml`` has their list.
+    The built-in photographs (``assets/photographs.yaml``) do not show this scene.
     """
     left, right, disparity = stereo_motorcycle()
-    # Pixels without truth are inf here and NaN in the package's documentation.
+    # Pixels without truth are inf; scikit-image's documentation says NaN.
     truth = Truth(np.where(np.isfinite(disparity), disparity, np.inf).astype(np.float32))
     return JudgedPairs("Motorcycle", "middlebury", [("Motorcycle", lambda: (left, right), lambda: truth)])
 
 
 def folder(path: Path) -> JudgedPairs:
-    """Take the scenes of a folder: Middlebury's or ETH3D's form, or a dataset of this program in any layout.
+    """Return the scenes of a folder: a dataset of this program in any layout, or a folder of Middlebury or ETH3D.
 
-    Args:
-        path: such as ``MiddEval3/trainingQ``: each scene has im0.png and im1.png beside its truth.
-
-    Raises:
-        InputError: where there is no truth.
+    In the latter, such as ``MiddEval3/trainingQ``, each scene has im0.png and im1.png beside its truth. Raises
+    InputError if there is no truth.
     """
     found = find_truth(str(path))
     read_images: list[Callable[[], Images]]
@@ -97,14 +94,12 @@ def _photographed(scene: Path) -> Images:
     try:
         left, right = (np.asarray(Image.open(scene / name).convert("RGB")) for name in ("im0.png", "im1.png"))
     except OSError as error:
-        raise InputError(
-            f"{scene}: expected im0.png and im1.png beside the truth, as Middlebury has: {error}"
-        ) from None
+        raise InputError(f"{scene}: expected im0.png and im1.png beside the truth: {error}") from None
     return left, right
 
 
 def picture(pair: dict[str, Any], found: NDArray[np.float32]) -> Figure:
-    """Draw the left image, the truth, a predicted disparity (H, W) px, and its error."""
+    """Return a figure of the left image, the truth, a predicted disparity (H, W) px, and its error."""
     truth = pair["truth"].disparity
     known = np.isfinite(truth)
     height, width = truth.shape

@@ -2,7 +2,7 @@
 
     python examples/predict.py out/network/checkpoint.ckpt --left lab/left --right lab/right --out predictions
 
-`semisynth-gl evaluate --pred` takes what is written.
+`semisynth-gl evaluate --pred predictions` evaluates them.
 """
 
 from pathlib import Path
@@ -23,14 +23,14 @@ from semisynth_gl.textures.image_files import find_images
 
 @click.command(cls=Command, context_settings=CONTEXT)
 @click.argument("checkpoint", type=click.Path(path_type=Path, exists=True))
-@click.option("--network", default="stereo_network:StereoNetwork", help="As it was trained.")
+@click.option("--network", default="stereo_network:StereoNetwork", help="The --network of train.py.")
 @click.option("--left", required=True, help="The left images: a file, a folder, or a glob in quotes.")
-@click.option("--right", required=True, help="The right images: as many, in the same order when sorted by path.")
+@click.option("--right", required=True, help="The right images, in the same order when sorted by path.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for NAME.pfm, float32 px.")
-@click.option("--right-out", type=click.Path(path_type=Path), help="Predict the right views too, into this folder.")
-@click.option("--device", default="cuda" if torch.cuda.is_available() else "cpu", help="PyTorch's name.")
+@click.option("--right-out", type=click.Path(path_type=Path), help="Folder for predictions of the right views.")
+@click.option("--device", default="cuda" if torch.cuda.is_available() else "cpu", help="PyTorch's name of the device.")
 def main(checkpoint: Path, network: str, left: str, right: str, out: Path, right_out: Path | None, device: str) -> None:
-    """Predict the disparity of pairs, each named like its left image, or its folder where images share a name."""
+    """Predict the disparity of pairs. NAME is that of the left image, or of its folder if images have equal names."""
     module = load(checkpoint, network).to(device)
     lefts, rights = (find_images([where]) for where in (left, right))
     if len(lefts) != len(rights):
@@ -39,25 +39,26 @@ def main(checkpoint: Path, network: str, left: str, right: str, out: Path, right
     if len({*names}) < len(names):
         names = [each.parent.name for each in lefts]
     if len({*names}) < len(names):
-        raise InputError(f"--left {left}: images share names, and so do their folders: predict them one by one")
+        raise InputError(f"--left {left}: images have equal names, and so have their folders: predict them one by one")
     for folder in filter(None, (out, right_out)):
         folder.mkdir(parents=True, exist_ok=True)
     for name, *paths in zip(names, lefts, rights, strict=True):
-        one, other = (torch.from_numpy(np.array(Image.open(path).convert("RGB"))).permute(2, 0, 1) for path in paths)
-        if one.shape != other.shape:
-            raise InputError(f"{paths[1]}: has {tuple(other.shape[1:])} px, {paths[0]} {tuple(one.shape[1:])}")
-        (out / f"{name}.pfm").write_bytes(PFM.encode(predict(module, one, other)))
+        images = [torch.from_numpy(np.array(Image.open(path).convert("RGB"))).permute(2, 0, 1) for path in paths]
+        if images[0].shape != images[1].shape:
+            left_px, right_px = (tuple(image.shape[1:]) for image in images)
+            raise InputError(f"{paths[1]}: has {right_px} px, {paths[0]} {left_px}")
+        (out / f"{name}.pfm").write_bytes(PFM.encode(predict(module, *images)))
         if right_out is not None:
-            # The right view of a pair is the left one of its mirror image.
-            mirrored = predict(module, other.flip(-1), one.flip(-1))
+            # The right view is the left view of the mirrored pair.
+            mirrored = predict(module, *(image.flip(-1) for image in images[::-1]))
             (right_out / f"{name}.pfm").write_bytes(PFM.encode(mirrored[:, ::-1]))
         click.echo(name)
 
 
 def load(checkpoint: Path, network: str) -> StereoModule:
-    """Make a network, and give it the weights of its checkpoint; no code is run that the checkpoint names or has."""
+    """Make a network with the weights of a checkpoint, without running code that the checkpoint contains or names."""
     try:
-        # Not by Lightning, some releases of which import modules that a checkpoint names.
+        # Some releases of Lightning import modules that a checkpoint names.
         state = torch.load(checkpoint, map_location="cpu", weights_only=True)
         module = StereoModule(**state["hyper_parameters"] | {"network": network})
         module.load_state_dict(state["state_dict"])
@@ -67,7 +68,7 @@ def load(checkpoint: Path, network: str) -> StereoModule:
 
 
 def predict(module: StereoModule, left: Tensor, right: Tensor) -> NDArray[np.float32]:
-    """Predict the left disparity (H, W), px, of images (3, H, W) uint8."""
+    """Return the left disparity (H, W), px, of images (3, H, W) uint8."""
     with torch.inference_mode():
         return module.predict_disparity(left.to(module.device), right.to(module.device)).cpu().numpy()
 

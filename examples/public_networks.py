@@ -1,11 +1,11 @@
-"""Networks of the package stereo-matching (MIT, tried: 0.2.0), as `train.py` takes them.
+"""Networks of the package stereo-matching (MIT, tested: 0.2.0) for `train.py`.
 
     pip install stereo-matching timm
     python examples/train.py --network public_networks:stereo_matching --argument model=raft-stereo-realtime ...
 
-Its networks take images that ImageNet's mean and deviation normalise, and give disparities of the left view: one in
-evaluation, a list in training. The package has no weights. Wrap networks of other packages likewise: a callable that
-returns a torch.nn.Module.
+The networks expect images normalised by ImageNet's mean and deviation (--levels imagenet). They return disparities of
+the left view: one in evaluation, a list in training. The package has no weights. To train networks of other packages,
+write a similar function that returns a torch.nn.Module.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ from torch import nn
 from semisynth_gl.inputs.errors import InputError
 
 
-def stereo_matching(model: str, **settings: Any) -> nn.Module:  # noqa: ANN401 - as many types as settings
+def stereo_matching(model: str, **settings: Any) -> nn.Module:  # noqa: ANN401 - settings have various types
     """Make a network with random weights.
 
     Args:
@@ -24,10 +24,10 @@ def stereo_matching(model: str, **settings: Any) -> nn.Module:  # noqa: ANN401 -
         settings: values of its config, such as num_iters.
 
     Raises:
-        InputError: where there is no such network or no such setting.
+        InputError: if there is no such network or setting.
     """
     import stereo_matching as _  # noqa: F401, PLC0415 - registers the networks
-    from stereo_matching.registry import MODEL_REGISTRY  # noqa: PLC0415 - only who asks for it needs the package
+    from stereo_matching.registry import MODEL_REGISTRY  # noqa: PLC0415 - an optional package
 
     if model not in MODEL_REGISTRY.list_variants():
         raise InputError(f"model: expected one of {', '.join(MODEL_REGISTRY.list_variants())}, got {model!r}")

@@ -1,6 +1,6 @@
 """A small stereo network: siamese features, a cost volume, regression, refinement.
 
-It learns in minutes what it takes to show that a dataset teaches stereo matching. It is no rival of published networks.
+A few minutes of training show whether networks can learn stereo matching from a dataset. Published networks are better.
 """
 
 from collections.abc import Sequence
@@ -11,22 +11,18 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-_DISPARITY_STEP_PX = 4
-"""Features and cost volume have a quarter of the image's size."""
-_MULTIPLE_PX = 16
-"""Inputs are padded to multiples of this: the coarsest features have a stride of 16 px."""
-_CHANNELS = 64
-"""Of the features that are matched."""
-_GROUPS = 16
-"""Of these channels, which are correlated group by group."""
-_GROUP = 8
-"""Channels that are normalised together."""
+_DISPARITY_STEP_PX = 4  # stride of the matched features, and of the cost volume
+_MULTIPLE_PX = 16  # stride of the coarsest features; inputs are padded to multiples of it
+_CHANNELS = 64  # number of channels of the matched features
+_GROUPS = 16  # number of groups of these channels, which are correlated separately
+_GROUP = 8  # number of channels that are normalised together
 
 
 class Estimates(NamedTuple):
-    """Left disparities (B, H, W) px, the final one last; logits (B, D, H/4, W/4), rounded up, of disparities 4 d px.
+    """Estimates of the left disparity.
 
-    ``step_px`` is the step from channel to channel of the scores, and their stride.
+    ``disparities`` are (B, H, W) px each, the final one last. ``scores``, (B, D, H/4, W/4) with sides rounded up, are
+    logits of the disparities d * ``step_px``, d = 0 to D - 1; ``step_px`` is also their stride.
     """
 
     disparities: list[Tensor]
@@ -37,7 +33,7 @@ class Estimates(NamedTuple):
 def _conv(
     inputs: int, outputs: int, *, stride: int = 1, dilation: int = 1, kind: type[nn.Conv2d | nn.Conv3d] = nn.Conv2d
 ) -> nn.Sequential:
-    """A 3 x 3 convolution, normalised by image: batches are small, and crops differ from whole images."""
+    """Return a 3 x 3 convolution with group normalisation, which does not depend on the batch, and ReLU."""
     return nn.Sequential(
         kind(inputs, outputs, 3, stride, padding=dilation, dilation=dilation, bias=False),
         nn.GroupNorm(outputs // _GROUP, outputs),
@@ -49,7 +45,7 @@ _conv3d = partial(_conv, kind=nn.Conv3d)
 
 
 class _Residual(nn.Module):
-    """Two convolutions and a way around them."""
+    """Two convolutions with a skip connection."""
 
     def __init__(self, channels: int, dilation: int = 1) -> None:
         super().__init__()
@@ -62,7 +58,7 @@ class _Residual(nn.Module):
 
 
 class _Features(nn.Module):
-    """What is compared between the views, and what edges are refined with."""
+    """Features for matching, and finer features for refinement."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -75,14 +71,14 @@ class _Features(nn.Module):
         self.out = nn.Conv2d(channels, channels, 3, padding=1)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Take (B, 3, H, W) to (B, C, H/4, W/4) for matching and (B, 16, H/2, W/2) for refining."""
+        """Map (B, 3, H, W) to (B, C, H/4, W/4) for matching and (B, 16, H/2, W/2) for refinement."""
         half = self.to_half(image)
         quarter = self.to_quarter(half)
         eighth = self.to_eighth(quarter)
         sixteenth = self.to_sixteenth(eighth)
         eighth = self.up_eighth(torch.cat([_resized(sixteenth, eighth), eighth], 1))
         quarter = self.up_quarter(torch.cat([_resized(eighth, quarter), quarter], 1))
-        # Each channel's mean goes: otherwise all correlations are high.
+        # Subtracts each channel's mean, without which all correlations are high.
         return functional.instance_norm(self.out(quarter)), half
 
 
@@ -101,7 +97,7 @@ class _Aggregation(nn.Module):
         self.likeness = nn.Parameter(torch.tensor(12.0))
 
     def forward(self, volume: Tensor) -> Tensor:
-        """Take (B, groups, D, H, W) to scores (B, D, H, W); the higher, the likelier."""
+        """Map (B, groups, D, H, W) to scores (B, D, H, W), which are high for likely disparities."""
         entered = self.enter(volume)
         down = self.down(entered)
         down = self.back(down + _resized(self.deeper(down), down))
@@ -110,7 +106,7 @@ class _Aggregation(nn.Module):
 
 
 class _Refinement(nn.Module):
-    """Correct a disparity at half size by what the left image looks like and how well the right one fits."""
+    """Corrects a disparity at half size by the left features and their difference from the warped right features."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -119,16 +115,16 @@ class _Refinement(nn.Module):
         self.weights = nn.Conv2d(24, 4 * 9, 3, padding=1)
 
     def forward(self, disparity: Tensor, left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
-        """Take (B, H, W) px, and features (B, 16, H, W), to a corrected (B, H, W), and (B, 2H, 2W) of twice the px."""
+        """Map (B, H, W) px, and features (B, 16, H, W), to a corrected (B, H, W) and a doubled (B, 2H, 2W) map, px."""
         difference = left - warped(right, disparity)
-        # Disparities of a few dozen pixels come in as numbers about one.
+        # Scaled so that disparities are numbers of the order of 1.
         known = self.body(torch.cat([left, difference, disparity[:, None] / 32], 1))
         corrected = functional.relu(disparity + self.correction(known)[:, 0])
         return corrected, _upsampled(corrected, self.weights(known))
 
 
 class StereoNetwork(nn.Module):
-    """Left and right image to the disparity of the left view, from 0 to ``max_disparity`` px, rounded up to 16 px."""
+    """Estimates the left disparity, from 0 to ``max_disparity`` px, which is rounded up to a multiple of 16 px."""
 
     def __init__(self, max_disparity: int = 80) -> None:
         super().__init__()
@@ -147,7 +143,7 @@ class StereoNetwork(nn.Module):
         scores = self.aggregation(correlated(matched.chunk(2), self.levels, _GROUPS))
         levels = torch.arange(self.levels, dtype=scores.dtype, device=scores.device)
         coarse = torch.einsum("bdhw,d->bhw", scores.softmax(1), levels)
-        # Disparities are in pixels of the size at hand: twice as large at twice the size.
+        # Disparities are in pixels of their map, so they double with its size.
         at_half = 2 * _resized(coarse[:, None], fine)[:, 0]
         corrected, final = self.refinement(at_half, *fine.chunk(2))
         estimates = [
@@ -159,11 +155,11 @@ class StereoNetwork(nn.Module):
 
 
 def cross_entropy_loss(found: Estimates, truth: Tensor, valid: Tensor) -> Tensor:
-    """Compare scores with the truth (B, H, W) px, where ``valid``; it counts for the levels on both its sides.
+    """Return the cross-entropy of the scores where ``valid``; the truth (B, H, W) px is split between two levels.
 
-    A mean over levels teaches slowly: where it is wrong, it does not say which level is the right one.
+    Networks learn faster by it than by the error of the mean over levels, which does not say which level is right.
     """
-    # The pixel next to the middle of each square: a mean would mix what lies before and behind an edge.
+    # Takes the pixel next to the middle of each square, since a mean would mix surfaces at edges.
     step = found.step_px
     truth, valid = (each[:, step // 2 :: step, step // 2 :: step] for each in (truth, valid))
     height, width = truth.shape[1:]
@@ -177,37 +173,37 @@ def cross_entropy_loss(found: Estimates, truth: Tensor, valid: Tensor) -> Tensor
 
 
 def correlated(views: Sequence[Tensor], levels: int, groups: int) -> Tensor:
-    """Compare each left feature with the right ones at disparities from 0 to ``levels`` - 1, in groups of channels.
+    """Correlate left features with right features at disparities from 0 to ``levels`` - 1, in groups of channels.
 
-    Takes left and right features (B, C, H, W) to cosines (B, groups, levels, H, W), 0 outside the right view.
+    Maps left and right features (B, C, H, W) to cosines (B, groups, levels, H, W), 0 outside the right view.
     """
     batch, channels, height, width = views[0].shape
     split = [view.reshape(batch, groups, channels // groups, height, width) for view in views]
-    one, other = (each * torch.rsqrt(each.square().sum(2, keepdim=True) + 1e-6) for each in split)
-    volume = one.new_zeros(batch, groups, levels, height, width)
+    left, right = (each * torch.rsqrt(each.square().sum(2, keepdim=True) + 1e-6) for each in split)
+    volume = left.new_zeros(batch, groups, levels, height, width)
     for level in range(min(levels, width)):
-        volume[:, :, level, :, level:] = (one[..., level:] * other[..., : width - level]).sum(2)
+        volume[:, :, level, :, level:] = (left[..., level:] * right[..., : width - level]).sum(2)
     return volume
 
 
 def warped(right: Tensor, disparity: Tensor) -> Tensor:
-    """Take features (B, C, H, W) of the right view to the left view's pixels, by its disparity (B, H, W) px.
+    """Warp features (B, C, H, W) of the right view to the left view, given its disparity (B, H, W) px.
 
-    Values are interpolated linearly, and 0 outside the right view.
+    Values are interpolated linearly, and are 0 outside the right view.
     """
     height, width = disparity.shape[-2:]
     rows = torch.arange(height, dtype=right.dtype, device=right.device)
     columns = torch.arange(width, dtype=right.dtype, device=right.device)
-    # Corners of the image at -1 and 1, centres of pixels in between.
+    # grid_sample's coordinates are -1 and 1 at the image's borders.
     x = (2 * (columns - disparity) + 1) / width - 1
     y = ((2 * rows + 1) / height - 1)[:, None].expand_as(x)
     return functional.grid_sample(right, torch.stack([x, y], -1), align_corners=False)
 
 
 def _upsampled(disparity: Tensor, weights: Tensor) -> Tensor:
-    """Double the size of a disparity (B, H, W) px: each pixel is a mean of the 3 x 3 around it, so edges stay sharp.
+    """Double the size and values of a disparity (B, H, W) px by convex upsampling, which keeps edges sharp.
 
-    ``weights`` (B, 4 * 9, H, W) are logits of what each of 4 pixels takes from its 9 neighbours.
+    Each of the 4 new pixels is a mean of the 3 x 3 pixels around it; ``weights`` (B, 4 * 9, H, W) are logits.
     """
     batch, height, width = disparity.shape
     padded = functional.pad(2 * disparity[:, None], (1, 1, 1, 1), mode="replicate")

@@ -1,7 +1,7 @@
-"""Train a stereo network on pairs of this program, and judge it by real pairs.
+"""Train a stereo network on pairs of this program, and evaluate it on real pairs.
 
     pip install lightning tensorboard
-    python examples/train.py                                       # a small network; pairs rendered as it trains
+    python examples/train.py                                       # a small network, on pairs rendered during training
     python examples/train.py --data out/rooms                      # on a dataset
     python examples/train.py --network my_module:make --loss sequence --pretrained theirs.pth
     python examples/train.py --devices 4 --precision bf16-mixed    # on four GPUs
@@ -43,7 +43,7 @@ _FILE = click.Path(path_type=Path, exists=True)
 LOSSES = "cross-entropy", "smooth-l1", "sequence"
 Part = StereoDataset | StereoStream
 _MULTIPLE_PX = 32
-"""Whole images are padded to multiples of this, px, which published networks need."""
+"""Whole images are padded to multiples of this, since published networks need that."""
 _MEAN, _DEVIATION = [[[0.485]], [[0.456]], [[0.406]]], [[[0.229]], [[0.224]], [[0.225]]]
 LEVELS: Mapping[str, Callable[[Tensor], Tensor]] = {
     "unit": lambda images: images / 255,
@@ -53,7 +53,7 @@ LEVELS: Mapping[str, Callable[[Tensor], Tensor]] = {
 
 
 def needed(sample: Sample) -> Sample:
-    """Keep only the keys that training uses."""
+    """Return only the keys that training uses."""
     return {name: sample[name] for name in ("left", "right", "disparity_left")}
 
 
@@ -65,11 +65,11 @@ def estimates(output: Any) -> list[Tensor]:  # noqa: ANN401 - a tensor, a list, 
 
 
 def loss_of(name: str, output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401 - as estimates takes it
-    """Return the loss of a network's output, from the true disparity (B, H, W) px and the pixels that count (B, H, W).
+    """Return the loss of a network's output for the true disparity (B, H, W) px, over the ``valid`` pixels (B, H, W).
 
-    ``sequence`` is the mean absolute error of all estimates, with RAFT-Stereo's weights, which grow from estimate to
-    estimate; ``smooth-l1`` the mean smooth L1 error, with PSMNet's weights; ``cross-entropy`` also the cross-entropy of
-    the scores of disparity levels, which teaches faster.
+    ``sequence`` is the mean absolute error of all estimates with RAFT-Stereo's weights, which increase from estimate to
+    estimate. ``smooth-l1`` is the mean smooth L1 error with PSMNet's weights. ``cross-entropy`` adds the cross-entropy
+    of the scores of disparity levels, with which networks learn faster.
     """
     found = estimates(output)
     error, weights = functional.smooth_l1_loss, [*([0.5] * len(found)), 0.7, 1.0][-len(found) :]
@@ -80,38 +80,38 @@ def loss_of(name: str, output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # 
     loss = truth.new_tensor(weights) @ torch.stack(losses) / valid.sum().clamp(min=1)
     if name == "cross-entropy":
         if not hasattr(output, "scores"):
-            raise InputError("--loss cross-entropy: the network gives no scores: take --loss smooth-l1 or sequence")
+            raise InputError("--loss cross-entropy: the network gives no scores: use --loss smooth-l1 or sequence")
         loss = loss + cross_entropy_loss(output, truth, valid)
     return loss
 
 
 class StereoModule(lightning.LightningModule):
-    """A network with its loss, optimiser and judgement. The arguments are the options of the same names."""
+    """A network with its loss, optimiser and evaluation. Each argument is the option of the same name."""
 
     def __init__(self, network: str, arguments: Sequence[str], max_disparity: int, **_: Any) -> None:  # noqa: ANN401
         super().__init__()
         self.save_hyperparameters()
         self.network = _made(network, arguments, max_disparity)
 
-    def forward(self, left: Tensor, right: Tensor) -> Any:  # noqa: ANN401 - what the network gives
-        """Run the network on images (B, 3 or 1, H, W) of levels from 0 to 255."""
+    def forward(self, left: Tensor, right: Tensor) -> Any:  # noqa: ANN401 - the network's output
+        """Run the network on images (B, 3 or 1, H, W) with levels from 0 to 255."""
         levels = LEVELS[self.hparams["levels"]]
         return self.network(*(levels(each.float().expand(-1, 3, -1, -1)) for each in (left, right)))
 
     def predict_disparity(self, left: Tensor, right: Tensor) -> Tensor:
         """Return the left disparity (H, W), px, of whole images (3, H, W) uint8."""
         height, width = left.shape[1:]
-        # Below and to the right, so that the padding moves no pixel.
+        # Pads below and to the right, which moves no pixel.
         padding = (0, -width % _MULTIPLE_PX, 0, -height % _MULTIPLE_PX)
         views = [functional.pad(each[None].float(), padding, "replicate") for each in (left, right)]
         return estimates(self(*views))[-1][0, :height, :width].float()
 
     def transfer_batch_to_device(self, batch: dict[str, Any], device: torch.device, _: int) -> dict[str, Any]:
-        """Move tensors; real pairs have more beside them."""
+        """Move tensors to the device; items of real pairs also contain other objects."""
         return {name: each.to(device) if isinstance(each, Tensor) else each for name, each in batch.items()}
 
     def on_train_batch_start(self, *_: object) -> None:
-        """Seed dropout and the like by the step, so that a resumed training goes on alike."""
+        """Seed torch's generators by the step, so that resuming does not change the training."""
         torch.manual_seed((self.hparams["seed"] << 32) + self.global_step * self.trainer.world_size + self.global_rank)
 
     def training_step(self, batch: Sample, _: int) -> Tensor:
@@ -125,7 +125,7 @@ class StereoModule(lightning.LightningModule):
         return loss
 
     def validation_step(self, pair: dict[str, Any], number: int, dataloader_idx: int = 0) -> None:
-        """Log the figures of a real pair, and a picture of the first one."""
+        """Log the error measures of a real pair, and a figure of the first pair."""
         found = self.predict_disparity(pair["left"], pair["right"]).cpu().numpy()
         figures = score(found, pair["truth"], pair["protocol"])
         for name in COLUMNS:
@@ -134,7 +134,7 @@ class StereoModule(lightning.LightningModule):
             self.logger.experiment.add_figure(pair["name"], picture(pair, found), self.global_step)
 
     def on_validation_epoch_end(self) -> None:
-        """Print the figures."""
+        """Print the mean errors."""
         for name, value in self.trainer.callback_metrics.items():
             if name.endswith(": avgerr"):
                 self.print(f"step {self.global_step}: {name} {value:.2f} px")
@@ -143,7 +143,7 @@ class StereoModule(lightning.LightningModule):
         """Return AdamW, with a learning rate that rises in the first steps and then falls."""
         rate, steps = self.hparams["learning_rate"], self.hparams["steps"]
         optimizer = torch.optim.AdamW(self.network.parameters(), lr=rate, weight_decay=1e-4)
-        # PyTorch divides by zero where the rate is to rise for exactly one step.
+        # Never exactly one step of rise, for which PyTorch divides by zero.
         rising = min(max(0.05, 1.5 / steps), 0.75)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, steps, pct_start=rising)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
@@ -166,7 +166,7 @@ def _made(address: str, arguments: Sequence[str], max_disparity: int) -> nn.Modu
 
 
 def load_weights(network: nn.Module, path: Path) -> None:
-    """Give a network weights that it learnt before, from a checkpoint of this script or a file of torch.save."""
+    """Load weights into a network from a checkpoint of this script or a file of torch.save."""
     try:
         state, own = torch.load(path, map_location="cpu", weights_only=True), network.state_dict()
         state = next((state[key] for key in ("state_dict", "network", "model") if key in state), state)
@@ -174,11 +174,11 @@ def load_weights(network: nn.Module, path: Path) -> None:
         network.load_state_dict({name if name in own else short[name]: each for name, each in state.items()})
     except (UnpicklingError, EOFError, RuntimeError, TypeError, AttributeError) as error:
         reason = " ".join(str(error).split())
-        raise InputError(f"{path}: expected weights of this very network, and no code: {reason}") from None
+        raise InputError(f"{path}: expected weights of this network, and no code: {reason}") from None
 
 
 def read_augmentation(value: str) -> Augmentation:
-    """Return a preset by its name, or the keys of a YAML file."""
+    """Return the preset of this name, or an augmentation with the keys of a YAML file."""
     try:
         return PRESETS[value] if value in PRESETS else Augmentation(**YAML(typ="safe").load(Path(value)))
     except (OSError, TypeError, YAMLError, InputError) as error:
@@ -187,7 +187,7 @@ def read_augmentation(value: str) -> Augmentation:
 
 
 def open_source(value: str, pairs: int, seed: int, options: dict[str, Any]) -> tuple[Part, float]:
-    """Open ``CONFIG|DIR[=SHARE]`` as a stream of so many pairs, or a dataset; return it with its share."""
+    """Open ``CONFIG|DIR[=SHARE]`` as a stream of ``pairs`` pairs or as a dataset; return it with its share."""
     name, _, share = value.rpartition("=") if "=" in value else (value, "", "1")
     if not share.replace(".", "", 1).isdecimal() or float(share) == 0:
         raise InputError(f"--data {value}: expected a share above 0 after =, got {share}")
@@ -197,10 +197,10 @@ def open_source(value: str, pairs: int, seed: int, options: dict[str, Any]) -> t
 
 
 class TrainingOrder(WeightedRandomSampler):
-    """The samples of an epoch at random, sources in shares; each device takes a part of them.
+    """The random order of an epoch's samples, with the shares of the sources; each device gets a part of them.
 
-    The seed and the trainer's step decide them, and tell the sources the epoch: a resumed training goes on in its
-    epoch. An epoch is as long as it takes no source more than once, on average.
+    The order depends on the seed and the trainer's step, so a resumed training continues its epoch. An epoch has as
+    many samples as possible without using a source more than once on average.
     """
 
     def __init__(
@@ -228,7 +228,7 @@ class TrainingOrder(WeightedRandomSampler):
 
 
 class Command(click.Command):
-    """A command whose foreseen errors are one message, without a traceback, and exit code 2."""
+    """A command that reports expected errors as a message without a traceback, with exit code 2."""
 
     def invoke(self, ctx: click.Context) -> None:
         """Run the command."""
@@ -240,25 +240,25 @@ class Command(click.Command):
 
 @click.command(cls=Command, context_settings=CONTEXT)
 @click.option("--network", default="stereo_network:StereoNetwork", help="module:callable that returns the network.")
-@click.option("--argument", "arguments", multiple=True, help="name=value of that callable, in YAML. May be repeated.")
-@click.option("--levels", type=click.Choice(list(LEVELS)), default="unit", help="[0, 1], [0, 255], or ImageNet's.")
-@click.option("--pretrained", type=_FILE, help="Begin with the weights of this file of torch.save.")
+@click.option("--argument", "arguments", multiple=True, help="name=value of its arguments, in YAML. May be repeated.")
+@click.option("--levels", type=click.Choice(list(LEVELS)), default="unit", help="[0, 1], [0, 255] or ImageNet's.")
+@click.option("--pretrained", type=_FILE, help="Checkpoint or file of torch.save with initial weights.")
 @click.option("--data", "sources", multiple=True, default=(str(CONFIG),), help="CONFIG|DIR[=SHARE]. May be repeated.")
 @click.option("--augment", default="semisynth", help=f"{', '.join(PRESETS)}, or a YAML file with keys of Augmentation.")
 @click.option("--loss", type=click.Choice(LOSSES), default="cross-entropy", help="cross-entropy needs scores.")
-@click.option("--steps", type=click.IntRange(1), default=800, help="Batches to learn from.")
+@click.option("--steps", type=click.IntRange(1), default=800, help="Number of batches.")
 @click.option("--crop", type=click.IntRange(16), nargs=2, default=(160, 320), help="Height and width, px.")
-@click.option("--batch", type=click.IntRange(1), default=2, help="Crops in a step of each device.")
-@click.option("--max-disparity", type=click.IntRange(16), default=80, help="Larger ones are not learnt from, px.")
-@click.option("--learning-rate", type=click.FloatRange(0), default=2e-3, help="AdamW's, at its highest.")
+@click.option("--batch", type=click.IntRange(1), default=2, help="Crops per step and device.")
+@click.option("--max-disparity", type=click.IntRange(16), default=80, help="The loss ignores larger disparities, px.")
+@click.option("--learning-rate", type=click.FloatRange(0), default=2e-3, help="Maximum learning rate.")
 @click.option("--precision", type=click.Choice(["32-true", "bf16-mixed", "16-mixed"]), default="32-true")
-@click.option("--devices", type=click.IntRange(1), default=1, help="GPUs, or processes on a CPU.")
-@click.option("--workers", type=click.IntRange(0), default=1, help="Processes that read or render, for each device.")
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Of pairs, crops, changes and weights.")
+@click.option("--devices", type=click.IntRange(1), default=1, help="Number of GPUs, or of processes on a CPU.")
+@click.option("--workers", type=click.IntRange(0), default=1, help="Processes per device that read or render pairs.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of pairs, crops, changes and weights.")
 @click.option("--evaluate", "folders", type=_FILE, multiple=True, help="Real scenes, or a dataset. May be repeated.")
-@click.option("--every", type=click.IntRange(1), default=200, help="Steps between checkpoints and judgements.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/network"), help="For checkpoint and logs.")
-@click.option("--resume", is_flag=True, help="Go on from the checkpoint in --out, with the same options.")
+@click.option("--every", type=click.IntRange(1), default=200, help="Steps between checkpoints and evaluations.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/network"), help="Folder of the results.")
+@click.option("--resume", is_flag=True, help="Continue from the checkpoint in --out, with the same options.")
 def main(
     *,
     sources: Sequence[str],
@@ -268,11 +268,11 @@ def main(
     resume: bool,
     **options: Any,  # noqa: ANN401
 ) -> None:
-    """Train a stereo network, and judge it by real pairs before, on the way and after."""
+    """Train a stereo network, and evaluate it on real pairs before, during and after training."""
     given = SimpleNamespace(**options)
     path = out / "checkpoint.ckpt"
     if path.exists() != resume:
-        raise InputError(f"{path}: expected it {'there, with' if resume else 'not to be there, without'} --resume")
+        raise InputError(f"{path}: {'expected with --resume' if resume else 'exists: add --resume, or change --out'}")
     judged = [motorcycle(), *map(folder, folders)]
     changes = {"crop": given.crop, "augmentation": read_augmentation(given.augment), "transform": needed}
     pairs = given.steps * given.batch * given.devices
@@ -281,7 +281,7 @@ def main(
     module = StereoModule(**options)
     if pretrained is not None:
         load_weights(module.network, pretrained)
-    warnings.filterwarnings("ignore", "You're resuming")  # TrainingOrder can
+    warnings.filterwarnings("ignore", "You're resuming")  # within an epoch, which TrainingOrder supports
     trainer = lightning.Trainer(
         logger=TensorBoardLogger(out, name="logs"),
         callbacks=[ModelCheckpoint(out, path.stem, every_n_train_steps=given.every, enable_version_counter=False)],

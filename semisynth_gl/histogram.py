@@ -56,7 +56,7 @@ class Histogram:
         # Rounding may make cumulative shares decrease slightly, which would give negative shares.
         return type(self)(edges, np.diff(np.maximum.accumulate(np.minimum(cumulative, 1.0))))
 
-    def seen_from(self, ratio: float, doffs_px: float) -> Self:
+    def at_baseline(self, ratio: float, doffs_px: float) -> Self:
         """Return the histogram of the same surfaces for a rig with ``ratio`` times the baseline and the same doffs."""
         return type(self)(ratio * (self.edges_px + doffs_px) - doffs_px, self.shares)
 

@@ -22,19 +22,18 @@ def correspondence_px(
 ) -> Floats:
     """Return the displacement from each ray's pixel position to the position at which the other eye would see the hit.
 
-    Returns:
-        (R, 2) float64 px, right and down; inf where nothing is hit, or the disparity is not valid. `disparity_of`
-        turns displacements into disparities.
+    The displacements are (R, 2) float64 px, right and down; inf where nothing is hit, or the disparity is not valid.
     """
-    way = camera.correspondence(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64), hits.depth_m)
-    disparity = way[:, 0] * (-1 if eye == "left" else 1)
+    found = camera.correspondence(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64), hits.depth_m)
+    disparity = found[:, 0] * (-1 if eye == "left" else 1)
     valid = (hits.instance >= 0) & (disparity > (-np.inf if signed else 0.0))
-    return np.where(valid[:, None], way, np.inf)
+    return np.where(valid[:, None], found, np.inf)
 
 
-def disparity_of(eye: Eye, way: Floats) -> Floats:
-    """Return the disparities x_left - x_right, (R,), of an eye's displacements (R, 2); inf where they are inf."""
-    return way[:, 0] if eye == "right" else np.where(np.isinf(way[:, 0]), np.inf, -way[:, 0])
+def disparity_of(eye: Eye, correspondence: Floats) -> Floats:
+    """Return the disparities x_left - x_right, (R,), from `correspondence_px`; inf where it is inf."""
+    x = correspondence[:, 0]
+    return x if eye == "right" else np.where(np.isinf(x), np.inf, -x)
 
 
 def flow(
@@ -48,15 +47,15 @@ def flow(
     *,
     signed: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
-    """Follow the points that one eye's rays hit to the target moment of a motion; each moves with its instance.
+    """Follow the points that one eye's rays hit to the target time of a motion; each point moves with its instance.
 
     The camera's translation does not move the sky.
 
     Returns:
         The flow, (R, 2) float64 px, x right and y down; inf where there is no hit, or where the point is nearer than
-        the near plane at the target moment. The change of disparity in rectified pairs, (R,) float64 px; inf where the
-        flow is inf, and where the disparity is not valid at either moment. The depths at the target moment, (R,)
-        float64 m; inf in the sky.
+        the near plane at the target time. The change of disparity in rectified pairs, (R,) float64 px; inf where the
+        flow is inf, or the disparity is not valid at both times. The depths at the target time, (R,) float64 m; inf in
+        the sky.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
@@ -66,12 +65,12 @@ def flow(
         # A point of the instance represents the sky in its direction.
         depth_m = np.where(is_sky, depth_on_planes(scene, models, eye, x, y, hits), depth_m)
     then = replace(scene, camera_from_world=motion.scene.camera_from_world, world_from_model=motion.world_from_model)
-    # Rays without a hit have no point; without this replacement, the product would be NaN.
+    # Rays without a hit get the depth 0, since the product with inf would be NaN.
     points = camera.rays_of_eye(eye, x, y) * np.where(np.isfinite(depth_m), depth_m, 0.0)[:, None]
     both = zip(_triangles_hit(scene, models, eye, hits), _triangles_hit(then, models, eye, hits), strict=True)
     for (rays, corners, normal), (_, moved, _) in both:
-        # Move the triangle's corners, and keep the point's barycentric coordinates: matrices of flat models have no
-        # inverse with which the point could be moved.
+        # Points keep their barycentric coordinates in the moved triangles. The instance's matrix cannot be inverted if
+        # the model is flat.
         across, area = points[rays] - corners[:, 0], (normal**2).sum(axis=1)
         edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         second = (np.cross(across, edge_2) * normal).sum(axis=1) / area
@@ -96,8 +95,7 @@ def flow(
 def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: RayHits) -> Floats:
     """Return the normals of the triangles that one eye's rays hit, towards this eye.
 
-    Returns:
-        (R, 3) float64 unit vectors in the eye's frame; 0 where a ray hits nothing.
+    They are (R, 3) float64 unit vectors in the eye's frame, and 0 where a ray hits nothing.
     """
     result = np.zeros((len(hits.depth_m), 3))
     for hit, corners, normal in _triangles_hit(scene, models, eye, hits):
@@ -112,7 +110,7 @@ def _triangles_hit(
 ) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Yield, for each instance, the numbers (N,) of its hits, and the triangles' corners (N, 3, 3) and normals (N, 3).
 
-    Corners and normals are in the eye's frame. Normals are not unit vectors.
+    Corners and normals are in the eye's frame; normals have any length.
     """
     for number in np.unique(hits.instance[hits.instance >= 0]).tolist():
         hit = np.flatnonzero(hits.instance == number)
@@ -124,12 +122,9 @@ def _triangles_hit(
 def depth_on_planes(
     scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats, hits: RayHits
 ) -> Floats:
-    """Return the depths, at R pixel positions, of the planes of the triangles that ``hits`` have.
+    """Return the depths, (R,) float64 m, at which rays cross the planes of the triangles in ``hits``; inf without hit.
 
-    With hits of rays nearby, the depths show on which surface a pixel close to an edge lies.
-
-    Returns:
-        (R,) float64 m; inf where there is no hit.
+    With hits of nearby rays, the depths show on which surface a pixel close to an edge lies.
     """
     depth = np.full(len(x_px), np.inf)
     rays = scene.camera.rays_of_eye(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))

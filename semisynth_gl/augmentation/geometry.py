@@ -33,7 +33,7 @@ def mirrored(frame: Frame) -> Frame:
     """
     camera, last = frame.camera, frame.camera.width_px - 1
     if set(frame.left) != set(frame.right):
-        raise InputError("expected pairs with truth of both views (config key truth: both)", argument="mirrored")
+        raise InputError("expected truth of both views: set truth: both in the config", argument="mirrored")
     if not camera.rectified:
         raise InputError("expected a rectified rig, got a right camera that deviates", argument="mirrored")
     views = []

@@ -1,1 +1,1 @@
-"""The measurements of ``semisynth-gl bench`` on the machine that it runs on; no dataset is made with this room."""
+"""The measurements of ``semisynth-gl bench``; making datasets does not need them."""

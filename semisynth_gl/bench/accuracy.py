@@ -16,13 +16,10 @@ from semisynth_gl.render.backends import Backend
 def measure(
     config: Config, seed: int, backend: Backend, pairs: int = 3, rays: int = 20_000, *, listener: Listener
 ) -> dict[str, Any]:
-    """Compare ``pairs`` pairs with ``rays`` rays for each eye; the listener hears a message before each part.
+    """Compare ``pairs`` pairs with ``rays`` rays for each eye; the listener gets a message before each part.
 
-    Returns:
-        A report in JSON's types: the keys of `scene_facts`, "machine", and "disparity", the result of `error_stats`.
-
-    Raises:
-        SemisynthError: where the config or OpenGL cannot be used.
+    Returns a report in JSON's types: the keys of `scene_facts`, "machine", and "disparity", the result of
+    `error_stats`. Raises SemisynthError if the config or OpenGL cannot be used.
     """
     listener.on_message(f"making {counted(pairs, 'scene')} of {config.name}")
     bench = sample_scenes(config, seed, pairs)
@@ -36,9 +33,9 @@ def measure(
 
 
 def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[SampledTruth]) -> dict[str, Any]:
-    """Describe the measured scenes: config, seed, sizes (width, height), and how many pixels were compared.
+    """Describe the measured scenes: config, seed, sizes (width, height), and numbers of pixels.
 
-    "pixels_left_out" counts the chosen pixels that were not compared.
+    "pixels_left_out" is the number of sampled pixels that were not compared.
     """
     return {
         "config": bench.config.name,
@@ -52,7 +49,7 @@ def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[SampledTruth]) -
 
 
 def table(report: Mapping[str, Any]) -> str:
-    """Return a report as a sentence."""
+    """Return a report as one line."""
     median, p999, worst = errors_text(report["disparity"])
     return (
         f"Disparity against float64 rays, {report['pixels_compared']} pixels ({report['pixels_left_out']} lie "
@@ -61,7 +58,7 @@ def table(report: Mapping[str, Any]) -> str:
 
 
 def errors_text(error: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Return the median, the 99.9th percentile and the worst of `error_stats`, px, as text, "-" for none."""
+    """Return the median, the 99.9th percentile and the worst of `error_stats`, px, as text; "-" stands for None."""
     values = (error[key] for key in ("median_px", "p999_px", "worst_px"))
     median, p999, worst = ("-" if value is None else f"{value:.1e}" for value in values)
     return median, p999, f"{worst}, {error['missing']} missing" if error["missing"] else worst

@@ -1,4 +1,4 @@
-"""A slanted plane, rendered and compared with its equation: the quickest measurement of a renderer's accuracy."""
+"""A fast measurement of a renderer's accuracy: renders a slanted plane and compares it with the plane's equation."""
 
 import numpy as np
 
@@ -10,11 +10,7 @@ from semisynth_gl.scene.scene import make_scene
 
 
 def plane_error_px(backend: Backend) -> float:
-    """Render a slanted plane; return the largest error of the left and right disparity against its equation, px.
-
-    Raises:
-        BackendError: where OpenGL cannot be used.
-    """
+    """Return the largest error, px, of the left and right disparity; raises BackendError if OpenGL cannot be used."""
     camera = StereoCamera(320, 240, 400.0, 0.2, 155.5, 163.5, 119.5)
     # The plane normal . p = 2 m, above the square from (-9, -9) to (9, 9).
     normal, matrix = np.array([0.3, -0.2, 1.0]), np.eye(4)

@@ -20,7 +20,8 @@ from semisynth_gl.scene.scene import Scene
 from semisynth_gl.scene.sources import SceneSources, prepare_sources
 from semisynth_gl.seeds.splits import Split
 
-# The rasteriser rounds vertices to 1/256 px, so it may draw the adjacent triangle at pixels that are nearer to an edge.
+# Minimum distance of compared pixels from edges. The rasteriser rounds vertices to 1/256 px, so it may draw the wrong
+# triangle very near an edge.
 _FROM_EDGE_PX = 1 / 16
 
 
@@ -34,7 +35,7 @@ class BenchScenes:
     scenes: Sequence[Scene]
 
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
-        """Open a renderer of these models and patches; ``options`` of `Renderer` replace the config's."""
+        """Open a renderer for these models and patches; ``options`` of `Renderer` replace the config's."""
         atlas = self.sources.atlas
         large = atlas.large_layers if len(atlas.large_layers) else None
         options = renderer_options(self.config) | {"pattern": self.sources.pattern} | options
@@ -43,9 +44,9 @@ class BenchScenes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledTruth:
-    """The oracle's disparity at N pixels of one eye of a scene of `BenchScenes`; inf where no surface is hit.
+    """The oracle's disparity at N pixels of one eye of a scene of `BenchScenes`; inf if the ray hits nothing.
 
-    ``dropped`` counts the chosen pixels that are left out.
+    ``scene`` is the scene's index, and ``dropped`` the number of sampled pixels that are left out.
     """
 
     scene: int
@@ -57,20 +58,17 @@ class SampledTruth:
 
 
 def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
-    """Make the scenes of a config's first pairs; raises InputError where images, models or ranges cannot be used."""
+    """Make the scenes of a config's first pairs; raises InputError if images, models or ranges cannot be used."""
     sources = prepare_sources(config, Split(seed))
     sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
     return BenchScenes(config, sources, sampler.models, [sampler.sample(index).scene for index in range(pairs)])
 
 
 def cast_truth(bench: BenchScenes, rays: int, rng: np.random.Generator) -> list[SampledTruth]:
-    """Cast float64 rays at ``rays`` random pixels of both eyes of each scene.
+    """Return the oracle's disparity at ``rays`` random pixels, for the left and then the right eye of each scene.
 
-    Pixels within 1/16 px of another triangle are left out. Only the rays decide that, so a surface that the renderer
-    loses or draws elsewhere counts as an error.
-
-    Returns:
-        The truth for the left and then the right eye of each scene, in the scenes' order.
+    Pixels within 1/16 px of a different triangle are left out. The rays alone decide that, so a surface that the
+    renderer loses or draws elsewhere is an error.
     """
     truths = []
     right, down = (side.ravel() for side in np.meshgrid(*[(-_FROM_EDGE_PX, _FROM_EDGE_PX)] * 2))
@@ -85,7 +83,7 @@ def cast_truth(bench: BenchScenes, rays: int, rng: np.random.Generator) -> list[
             kept = np.ones(rays, bool)
             for there, here in ((around.instance, hits.instance), (around.triangle, hits.triangle)):
                 kept &= (there.reshape(4, rays) == here).all(axis=0)
-            way = oracle.correspondence_px(scene.camera, eye, x, y, hits, signed=bench.config.disparity.signed)
-            truth = oracle.disparity_of(eye, way)
+            signed = bench.config.disparity.signed
+            truth = oracle.disparity_of(eye, oracle.correspondence_px(scene.camera, eye, x, y, hits, signed=signed))
             truths.append(SampledTruth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
     return truths

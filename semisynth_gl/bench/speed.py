@@ -21,7 +21,7 @@ from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 
 STAGES: Mapping[str, str] = {
-    "sample": "what stands where",
+    "sample": "objects and cameras of the scene",
     "draw": "colour, disparity and surfaces of both eyes",
     "visibility": "both masks",
     "readback": "from the driver into arrays",
@@ -29,15 +29,15 @@ STAGES: Mapping[str, str] = {
     "encode": "PNG and PFM in memory",
     "write": "files into the dataset's folder",
 }
-"""The stages of a pair in a dataset, in order: first the renderer's, then the encoding and writing of the files."""
+"""The stages of a pair, in order. `PairRenderer` reports all but the last two."""
 
 _LAYOUT = "middlebury"
-# Smallest number of timed pairs for each worker.
+# Minimum number of timed pairs per worker.
 _PAIRS_EACH = 4
 
 
 def usual_workers() -> tuple[int, ...]:
-    """Return the powers of two up to the number of usable cores, and that number, in ascending order."""
+    """Return the powers of two up to the number of usable cores, and this number, in ascending order."""
     most = cores()
     return tuple(sorted({2**power for power in range(most.bit_length())} | {most}))
 
@@ -47,19 +47,16 @@ def measure(
 ) -> dict[str, Any]:
     """Measure the stages of ``pairs`` pairs, and whole runs of `generate` with each number of ``workers``.
 
-    A run has as many timed pairs, or four for each worker if that is more. Without numbers, `usual_workers` are taken.
-    The listener hears a message before each part.
+    A run has ``pairs`` timed pairs, or four per worker if that is more. By default, `usual_workers` are measured. The
+    listener gets a message before each part. Raises SemisynthError if the config or OpenGL cannot be used.
 
     Returns:
-        A report in JSON's types: config, seed, "pairs", "machine"; "stages", for each of `STAGES` its "name", "text",
-        mean "seconds" per pair and "share" of them all; and "workers", for each number of "workers" llvmpipe's
-        "threads" in each (0 where it draws in the calling thread) and the "pairs_per_second", files written.
-
-    Raises:
-        SemisynthError: where the config or OpenGL cannot be used.
+        A report in JSON's types: config, seed, "pairs", "machine"; "stages", with "name", "text", mean "seconds" per
+        pair and "share" of the total of each of `STAGES`; and "workers", with "pairs_per_second" for each number of
+        "workers", and llvmpipe's "threads" in each worker (with 0, it draws in the calling thread).
     """
     listener.on_message(f"timing the stages of {counted(pairs, 'pair')}")
-    # llvmpipe reads its number of threads once in a process.
+    # In a new process, since llvmpipe reads its number of threads once.
     with ProcessPoolExecutor(1, get_context("spawn"), os.putenv, (THREADS, "0")) as process:
         facts, seconds = process.submit(_time_stages, config, seed, backend, pairs).result()
     total = sum(seconds.values())
@@ -85,7 +82,7 @@ def measure(
 
 
 class _Clock(Listener):
-    """Adds up the seconds of each stage of pairs, and notes when pairs are finished."""
+    """Sums the seconds of each stage, and records when pairs are finished."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(STAGES, 0.0)
@@ -108,7 +105,7 @@ def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tup
         job = DatasetJob(make_plan(config, seed, _LAYOUT, {"train": 1 + pairs}, 1), scratch, backend)
         with open_renderer(job, "train") as renderer:
             for shard in job.plan.shards:
-                # The first pair makes the buffers and compiles the shaders.
+                # Pair 0 is not timed, since it allocates buffers and compiles shaders.
                 if shard.first <= 1:
                     renderer.renderer.listener = clock = _Clock()
                 encoded = encode(job.plan, shard, renderer.render(shard.first))
@@ -119,7 +116,7 @@ def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tup
 
 
 def _pairs_per_second(config: Config, seed: int, backend: Backend, workers: int, pairs: int) -> float:
-    """Return the pairs per second of a run while all workers are busy: without its first and last shards."""
+    """Return the pairs per second of a run without its first and last shards, while all workers are busy."""
     length, clock = config.sequence_pairs, _Clock()
     timed = ceil(pairs / length)
     total = (3 * workers + timed) * length
@@ -128,7 +125,7 @@ def _pairs_per_second(config: Config, seed: int, backend: Backend, workers: int,
             config, scratch, total, seed, layout=_LAYOUT, backend=backend, engine=LocalEngine(workers),
             shard_pairs=length, listener=clock,
         )  # fmt: skip
-    # The listener hears all pairs of a shard at once, when the shard is complete.
+    # The engine reports all pairs of a shard at once, when the shard is complete.
     shards = clock.finished[length - 1 :: length]
     return timed * length / (shards[-1 - workers] - shards[2 * workers - 1])
 

@@ -1,4 +1,4 @@
-"""Parts of the reports of measurements: the machine, statistics of errors, tables."""
+"""Parts of measurement reports: the machine, statistics of errors, tables."""
 
 import os
 import platform
@@ -21,8 +21,8 @@ def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dic
     """Compare values, px, with the truth, an array of the same shape.
 
     Returns:
-        "median_px", "p999_px" (the 99.9th percentile) and "worst_px": absolute errors over the pixels that are finite
-        in both arrays, None if there are none. "missing": the number of pixels that are finite in only one of them.
+        "median_px", "p999_px" (the 99.9th percentile) and "worst_px" of the absolute errors at values that are finite
+        in both arrays, or None if there are none. "missing" is the number of values that are finite in one array only.
     """
     finite = np.isfinite(values) & np.isfinite(truth)
     error = np.abs(values[finite].astype(np.float64) - truth[finite])
@@ -46,7 +46,7 @@ def machine_facts() -> dict[str, object]:
 
 
 def headline(report: Mapping[str, Any]) -> str:
-    """Return a line that names the scenes and the machine of a report."""
+    """Return a line on the scenes and the machine of a report."""
     machine = report["machine"]
     cores = counted(machine.get("usable_cores", machine["cores"]), "core")
     width, height = report["size_px"] if "size_px" in report else report["sizes_px"][0]
@@ -57,10 +57,10 @@ def headline(report: Mapping[str, Any]) -> str:
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], *, text_last: bool = True) -> str:
-    """Return a Markdown table whose columns line up in plain text too.
+    """Return a Markdown table whose columns are also aligned in plain text.
 
-    The first column, and with ``text_last`` the last one, are aligned to the left, the others, which are numbers, to
-    the right. Each row has as many cells as the head.
+    The first column and, with ``text_last``, the last column are aligned to the left. The others, which are numbers,
+    are aligned to the right.
     """
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     sides = ["<", *">" * (len(head) - 1 - text_last), *"<" * text_last]

@@ -1,4 +1,4 @@
-"""The sections that are the same for all pairs of a dataset: no recipe may change their keys."""
+"""The sections that are the same for all pairs of a dataset, so that no recipe may change them."""
 
 from collections.abc import Collection, Iterator
 from typing import Annotated
@@ -48,7 +48,7 @@ class FilesSection(ConfigSection):
 
 
 class SplitsSection(ConfigSection):
-    """How much material is kept for validation and test pairs only."""
+    """How much material only validation pairs or only test pairs show."""
 
     validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
     """share of the photographs' subjects"""

@@ -115,7 +115,7 @@ def shares_beyond(target: TargetSection, min_px: float, max_px: float) -> tuple[
 
 
 def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_px: float) -> Histogram:
-    """Return a target as a histogram of disparity, px, as `semisynth_gl.config.model.Config.wanted_histogram` says.
+    """Return a target as a histogram of disparity, px, see `semisynth_gl.config.model.Config.wanted_histogram`.
 
     ``doffs_px`` is the mean cx_right - cx_left of the cameras.
     """

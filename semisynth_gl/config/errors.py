@@ -1,4 +1,4 @@
-"""Messages on the faults of a config: where its keys were set, what was expected, and what they have."""
+"""Messages on faults of a config: where the keys were set, what was expected, and what was found."""
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -11,15 +11,15 @@ from semisynth_gl.inputs.errors import did_you_mean, near, shown
 
 
 def reason_of(fault: ErrorDetails) -> str:
-    """Return pydantic's or a validator's message on a fault, beginning in lower case."""
+    """Return pydantic's or a validator's message on a fault; its first letter is small."""
     if fault["type"] == "tuple_type":
         return "expected a list, such as [a, b]"
     reason = fault["msg"].removeprefix("Value error, ")
     return f"{reason[0].lower()}{reason[1:]}"
 
 
-def explained(error: ValidationError, layer: ConfigLayer) -> str:
-    """Return a line for each fault that pydantic found in a layer's values, without repetitions in recipes."""
+def fault_lines(error: ValidationError, layer: ConfigLayer) -> str:
+    """Return a line for each fault that pydantic found in a layer's values, once if it is also in recipes."""
     faults = error.errors(include_url=False)
     own = [fault for fault in faults if fault["loc"][2:3] != ("config",)]
     return "\n".join(dict.fromkeys(_line(fault, layer) for fault in own or faults))
@@ -30,7 +30,7 @@ def _line(fault: ErrorDetails, layer: ConfigLayer) -> str:
     if location[2:3] == ("config",):
         recipe, location = location[:2], location[3:]
         values = merged(values, values["scenes"][recipe[1]])
-    # Pydantic's locations also contain forms and types, which are not keys.
+    # Pydantic's locations also contain forms of targets and types, which are not keys.
     key = KeyPath()
     for part in location:
         key = (*key, part) if holds(values, (*key, part)) else key
@@ -45,11 +45,11 @@ def _line(fault: ErrorDetails, layer: ConfigLayer) -> str:
             is_rule = isinstance(error, ConfigError) or isinstance(fault["input"], dict | BaseModel)
             reason = reason_of(fault) + ("" if is_rule else f", got {shown(fault['input'])}")
     # If the recipe sets the key, blame the recipe's key, else the config's.
-    return layer.said(reason, [(*recipe, *each) if holds(layer.values, (*recipe, *each)) else each for each in keys])
+    return layer.message(reason, [(*recipe, *each) if holds(layer.values, (*recipe, *each)) else each for each in keys])
 
 
 def _hint(key: KeyPath) -> str:
-    """Return a "did you mean" with similar keys of the same section, and keys of that name in other sections."""
+    """Return a "did you mean" with similar keys of the same section, and with keys of this name in other sections."""
     elsewhere = [each for each in config_keys() if each.rpartition(".")[2] == key[-1]]
     section = dotted(key[:-1])
     beside = [each for each in config_keys() if each.rpartition(".")[0] == section]

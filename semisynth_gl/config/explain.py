@@ -16,9 +16,9 @@ _WIDTH = 100
 
 @cache
 def config_keys() -> Mapping[str, FieldInfo]:
-    """Return all keys by dotted name: first those outside of sections, then each section and its keys.
+    """Return all keys by dotted name: first keys outside of sections, then each section and its keys.
 
-    Keys inside lists and inside a target are left out.
+    Keys inside lists and targets are omitted.
     """
     return dict(_keys_of(Config, ""))
 
@@ -33,7 +33,7 @@ def _keys_of(section: type[BaseModel], above: str) -> Iterator[tuple[str, FieldI
 
 
 def section_of(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the class of a key's section; None if the key has a plain value, or one of several forms."""
+    """Return the class of a key's section; None if the key has a plain value, or a value with several forms."""
     found = [each for each in get_args(field.annotation) or (field.annotation,) if each is not type(None)]
     match found:
         case [type() as section] if issubclass(section, BaseModel):

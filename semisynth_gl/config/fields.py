@@ -40,7 +40,7 @@ Rule = tuple[bool, str, Iterable[str]]
 
 
 class ConfigSection(BaseModel):
-    """Base class of all sections: unknown keys are errors, values are not coerced, and sections are immutable.
+    """Base class of all sections: unknown keys are errors, types are not converted, and sections are immutable.
 
     The docstring below a key is its description in ``semisynth-gl configs NAME`` and in the manual.
     """
@@ -48,7 +48,7 @@ class ConfigSection(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
     def _rules(self) -> Iterator[Rule]:
-        """Yield rules over several keys, each of which is valid by its own type; the first broken rule is reported."""
+        """Yield rules over several keys, whose single values are valid; the first broken rule is reported."""
         yield from ()
 
     @model_validator(mode="after")
@@ -72,7 +72,7 @@ class Range:
         return (self.low + self.high) / 2
 
     def sample(self, rng: np.random.Generator) -> float:
-        """Sample uniformly. One random number is used even if low equals high, so that later samples stay the same."""
+        """Sample uniformly. Even if low equals high, one random number is used, so that later samples do not change."""
         return self.low + (self.high - self.low) * float(rng.random())
 
     def sample_log(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -88,7 +88,7 @@ ZERO = Range(0.0, 0.0)
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value from YAML is a number, but not true or false, of at most `LARGEST` in magnitude."""
+    """Return whether a value from YAML is a number (not true or false) of at most `LARGEST` in magnitude."""
     return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
 
 

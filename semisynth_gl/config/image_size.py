@@ -1,7 +1,4 @@
-"""Adjusts the keys of a config to a different image size.
-
-Invalid values are returned unchanged: the checks of the config refuse them later.
-"""
+"""Adjusts the values of a config to a different image size; the checks of the config refuse invalid values later."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +7,7 @@ from semisynth_gl.config.fields import Range, is_number, written_range
 from semisynth_gl.config.layers import Values
 from semisynth_gl.config.model import Config
 
-# In these sections, keys that end in _px are in pixels of a pattern or a patch; elsewhere in pixels of an image.
+# Keys that end in _px are in pixels of a pattern or a patch in these sections, and elsewhere in pixels of an image.
 _OF_PICTURES = ("projector", "textures")
 _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px", "raw_width_px", "raw_height_px")
@@ -23,8 +20,8 @@ Change = Callable[[str, str, float], float]
 def recentred(below: Values, above: Values) -> Values:
     """Return the values ``below`` with principal points moved to fit the image size that ``above`` states.
 
-    ``above`` has the values that will be merged over ``below``. A different size crops or extends images about their
-    middle, so a principal point keeps its distance from the middle. If ``above`` states a principal point, it stays.
+    ``above`` will be merged over ``below``. A new size crops or extends images around their middle, so a principal
+    point keeps its distance from the middle. Principal points that ``above`` states are not moved.
     """
     before, stated = below.get("camera"), above.get("camera")
     if not (isinstance(before, dict) and isinstance(stated, dict)):

@@ -1,4 +1,4 @@
-"""Merges configs key by key: a config over the config that it extends, and a recipe over its config."""
+"""Merges configs key by key: a config over the config that it extends, and a recipe over the config."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ Values = dict[str, Any]
 OVERRIDE = "override"
 """The place of a key that ``--set`` or the argument ``overrides`` has set."""
 
-# Alternative keys for one property: setting a key removes the other keys of that property below it.
+# Alternative keys for one property: a key removes these keys from the layers below it.
 _REPLACES = {
     "focal_px": ("focal_mm", "sensor_width_mm"),
     "focal_mm": ("focal_px",),
@@ -27,8 +27,8 @@ _REPLACES = {
 def merged(below: Values, above: Mapping[str, Any]) -> Values:
     """Return the values ``above`` over those ``below``.
 
-    Mappings are merged key by key; all other values, and mappings with a key ``form``, are replaced whole. A key
-    also removes the alternative keys of the same property below it.
+    Mappings are merged key by key. All other values, and mappings with a key ``form``, replace the value below. A key
+    also removes alternative keys of the same property from ``below``.
     """
     replaced = {name for key in above for name in _REPLACES.get(key, ())}
     result = {key: value for key, value in below.items() if key not in replaced}
@@ -46,7 +46,7 @@ def merged(below: Values, above: Mapping[str, Any]) -> Values:
 class ConfigLayer:
     """The values of one source of a config, and the place where each key was set: ``file:line``, or `OVERRIDE`.
 
-    ``places`` has the order in which keys were set. The place of the key () is the file.
+    ``places`` is in the order in which keys were set. The place of the key () is the file.
     """
 
     values: Values
@@ -57,7 +57,7 @@ class ConfigLayer:
         kept = {key: place for key, place in below.places.items() if key not in self.places}
         return ConfigLayer(merged(below.values, self.values), kept | self.places)
 
-    def said(self, text: str, keys: Sequence[KeyPath]) -> str:
+    def message(self, text: str, keys: Sequence[KeyPath]) -> str:
         """Return a message on a fault of several keys with their places; the key that was set last comes first."""
         stated = [key for key in keys if holds(self.values, key)] or keys[:1]
         homes = {key: self._home(key) for key in stated}
@@ -69,7 +69,7 @@ class ConfigLayer:
         return f"{start}: {text}" + (f" (with {', '.join(notes)})" if notes else "")
 
     def _home(self, key: KeyPath) -> KeyPath:
-        """Return the key whose place is shown for a key: itself, the nearest section around it, a key in it, or ()."""
+        """Return the key whose place a message shows: ``key``, the nearest section around it, a key in it, or ()."""
         around = (key[:n] for n in range(len(key), 0, -1) if key[:n] in self.places)
         return next(around, next((each for each in self.places if key and each[: len(key)] == key), ()))
 

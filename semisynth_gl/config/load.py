@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from semisynth_gl.config.dataset_sections import LAYOUTS
-from semisynth_gl.config.errors import explained
+from semisynth_gl.config.errors import fault_lines
 from semisynth_gl.config.fields import LARGEST, SMALLEST, is_number
 from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.layers import OVERRIDE, ConfigLayer, Values, merged
@@ -49,7 +49,7 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
             ``"camera.width_px=640"``, with a value in YAML, and of ``("camera.width_px", 640)``; later ones win.
 
     Raises:
-        InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what was found.
+        InputError: if the config is wrong; each fault has a line with file, line, key, expected and found value.
     """
     return _validated(_over(_read(_find_config(str(name_or_path)), ()), _override_layer(overrides)))
 
@@ -67,24 +67,24 @@ def _validated(layer: ConfigLayer) -> Config:
     try:
         config = Config.model_validate(layer.values)
     except ValidationError as error:
-        raise InputError(explained(error, layer)) from None
-    installed_plugins()  # refuses a plug-in that has the name of something built in
+        raise InputError(fault_lines(error, layer)) from None
+    installed_plugins()  # refuses plug-ins with names of built-in things
     used = config.used_plugins()
     if config.layout is not None and config.layout not in LAYOUTS:
         used["layout",] = ("layouts", config.layout)
     for key, (group, name) in used.items():
-        with _about(layer, key):
+        with _errors_at(layer, key):
             find_plugin(group, name)
     return config
 
 
 @contextmanager
-def _about(layer: ConfigLayer, *keys: KeyPath) -> Iterator[None]:
+def _errors_at(layer: ConfigLayer, *keys: KeyPath) -> Iterator[None]:
     """Put the places of keys in front of the message of an InputError."""
     try:
         yield
     except InputError as error:
-        raise type(error)(layer.said(str(error), keys)) from None
+        raise type(error)(layer.message(str(error), keys)) from None
 
 
 def _find_config(name: str) -> Path:
@@ -117,9 +117,9 @@ def _read(path: Path, above: tuple[str, ...]) -> ConfigLayer:
     base_name = values.get("extends")
     if base_name is None:
         if "scale" in values:
-            raise InputError(layer.said("expected a key extends, which names the config to scale", [("scale",)]))
+            raise InputError(layer.message("expected a key extends, which names the config to scale", [("scale",)]))
         return layer
-    with _about(layer, ("extends",)):
+    with _errors_at(layer, ("extends",)):
         if not isinstance(base_name, str):
             raise InputError(f"expected the name of a config, got {shown(base_name)}")
         beside = Path(os.path.normpath(path.parent / expanded(base_name)))
@@ -164,7 +164,7 @@ def _over(below: ConfigLayer, layer: ConfigLayer) -> ConfigLayer:
     values, factor = below.values, layer.values.get("scale")
     if factor is not None:
         if not (is_number(factor) and factor >= SMALLEST):
-            raise InputError(layer.said(f"expected {SMALLEST:g} to {LARGEST:g}, got {shown(factor)}", [("scale",)]))
+            raise InputError(layer.message(f"expected {SMALLEST:g} to {LARGEST:g}, got {shown(factor)}", [("scale",)]))
         values = scaled(values, factor)
     own = {key: value for key, value in layer.values.items() if key not in ("extends", "scale")}
     return replace(layer, values=own).over(replace(below, values=recentred(values, own)))
@@ -179,6 +179,6 @@ def _with_plugin_recipes(layer: ConfigLayer) -> ConfigLayer:
     for number, recipe in enumerate(recipes):
         name = recipe.get("extends") if isinstance(recipe, dict) else None
         if isinstance(name, str):
-            with _about(layer, ("scenes", number, "extends")):
+            with _errors_at(layer, ("scenes", number, "extends")):
                 whole[number] = merged({"recipe": name} | find_plugin("recipes", name).value, recipe)
     return replace(layer, values=layer.values | {"scenes": whole})

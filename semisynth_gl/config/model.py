@@ -54,15 +54,15 @@ from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, DRAW
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.plugins import Group
 
-# None is left out of the digest, so that configs without these sections keep the digest from before these existed.
-_LEFT_OUT = Field(exclude_if=lambda section: section is None)
+# None is omitted from the values, so that configs without these newer keys keep their digests.
+_OMIT_NONE = Field(exclude_if=lambda section: section is None)
 
 RECIPE_KEYS = ("recipe", "extends", "weight")
-"""The keys of a recipe that are no sections."""
+"""The keys of a recipe that are not sections."""
 
-# The sections that a recipe may change, and the keys in them that it may not change. These are the same for all pairs:
-# size and colour of images, shape of pixels, number of pairs per scene, models, patches and their sampling, and the
-# limits by which truth is stored and checked.
+# The sections that a recipe may change, except for these keys, which are the same for all pairs: size and colour of
+# images, shape of pixels, number of pairs per scene, models, patches and their sampling, and the limits by which truth
+# is stored and checked.
 _FIXED: Mapping[str, Collection[str]] = {
     "camera": {"width_px", "height_px", "fy_over_fx", "baselines", "colour"},
     "disparity": DisparitySection.model_fields.keys() - {"target"},
@@ -75,15 +75,15 @@ _FIXED: Mapping[str, Collection[str]] = {
 class RecipeSection(ConfigSection):
     """A recipe of scenes: keys that replace the config's keys.
 
-    In YAML, the sections are beside ``recipe`` and ``weight``; `_whole` rearranges them.
+    In YAML, the sections are beside ``recipe`` and ``weight``; `_recipe_values` rearranges them.
     """
 
     recipe: Name
     """name of the recipe: letters, digits and hyphens; by default the name in ``extends``"""
-    extends: Annotated[PluginName | None, _LEFT_OUT] = None
+    extends: Annotated[PluginName | None, _OMIT_NONE] = None
     """name of a plug-in's recipe, over which the keys are merged when the config is read"""
     weight: Weight = 1.0
-    """weight of the recipe, to which its share of the sequences is proportional"""
+    """weight of the recipe; its share of the sequences is in proportion"""
     given: dict[str, Any]
     """the keys that the recipe states, as in YAML"""
     config: "Config"
@@ -91,7 +91,7 @@ class RecipeSection(ConfigSection):
 
     @field_validator("given")
     @classmethod
-    def _holds_for_scenes(cls, given: dict[str, Any]) -> dict[str, Any]:
+    def _refuse_fixed_keys(cls, given: dict[str, Any]) -> dict[str, Any]:
         for section, keys in given.items():
             fixed = [f"{section}.{key}" for key in _FIXED.get(section, ()) if isinstance(keys, dict) and key in keys]
             if section in Config.model_fields and section not in _FIXED:
@@ -104,11 +104,11 @@ class RecipeSection(ConfigSection):
     @model_serializer(mode="wrap")
     def _as_written(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
         head: dict[str, Any] = serialise(self)
-        values: dict[str, Any] = _picked(head.pop("config"), head.pop("given"))
+        values: dict[str, Any] = _stated_values(head.pop("config"), head.pop("given"))
         return values | head
 
 
-def _whole(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
+def _recipe_values(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
     """Return the values of a `RecipeSection`: its keys, and the config with the recipe merged over it."""
     if not isinstance(recipe, dict):
         return recipe
@@ -117,11 +117,11 @@ def _whole(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
     return head | {"given": given, "config": merged(base, given)}
 
 
-def _picked(values: Any, given: Any) -> Any:  # noqa: ANN401 - any JSON value
+def _stated_values(values: Any, given: Any) -> Any:  # noqa: ANN401 - any JSON value
     """Return those values of a config that a recipe states."""
     if not isinstance(given, dict) or "form" in given:
         return values
-    return {key: _picked(value, given[key]) for key, value in values.items() if key in given}
+    return {key: _stated_values(value, given[key]) for key, value in values.items() if key in given}
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,8 +156,8 @@ class Config(ConfigSection):
     scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST] = ()
     """list of recipes; each sequence has one, sampled by weight"""
     rig: RigSection = RigSection()
-    lens: Annotated[LensSection | None, _LEFT_OUT] = None
-    projector: Annotated[ProjectorSection | None, _LEFT_OUT] = None
+    lens: Annotated[LensSection | None, _OMIT_NONE] = None
+    projector: Annotated[ProjectorSection | None, _OMIT_NONE] = None
     sequence: SequenceSection = SequenceSection()
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
@@ -178,21 +178,21 @@ class Config(ConfigSection):
         if not (isinstance(values, dict) and isinstance(values.get("scenes"), list)):
             return values
         base = {key: value for key, value in values.items() if key not in ("scenes", "layout")}
-        return values | {"scenes": [_whole(base, recipe) for recipe in values["scenes"]]}
+        return values | {"scenes": [_recipe_values(base, recipe) for recipe in values["scenes"]]}
 
     def _rules(self) -> Iterator[Rule]:
         yield from self._disparity_rules()
         outputs = set(self.outputs)
         text = "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
-        yield "disparity_change" in outputs and not self.rig.none(), text, ("outputs", "rig")
+        yield "disparity_change" in outputs and not self.rig.is_rectified(), text, ("outputs", "rig")
         of_lens = " and ".join(sorted(outputs - {*DRAWN_OUTPUTS}))
-        text = f"the output {of_lens} needs the section lens: add lens, or leave the output out"
+        text = f"the output {of_lens} needs the section lens: add lens, or leave out this output"
         yield self.lens is None and of_lens != "", text, ("outputs",)
         if self.lens is not None:
             is_cut = not self.lens.border_disparity
             masked = [name for name in self.outputs if name in ("visibility", "flow", "flow_backward")]
             for name in masked or ["disparity"] * is_cut:
-                text = f"{name} leaves out what the sensors of lens do not see: add valid to outputs, which marks that"
+                text = f"{name} is missing where the lens's sensors see nothing: add the mask valid to outputs"
                 yield "valid" not in outputs, text, ("lens", "outputs")
             text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
             has_no_flow = "disparity_change" in outputs and "flow" not in outputs
@@ -236,7 +236,7 @@ class Config(ConfigSection):
     @property
     def images_as_rendered(self) -> bool:
         """Whether neither a lens nor imperfections change the rendered images."""
-        return self.lens is None and self.imperfections.none()
+        return self.lens is None and self.imperfections.changes_nothing()
 
     @property
     def views(self) -> int:
@@ -275,8 +275,8 @@ class Config(ConfigSection):
     def shown_histogram(self) -> Histogram:
         """Return the distribution of disparity over all pairs, if scenes match the wanted distribution.
 
-        If scenes have several baselines, pairs of the longest baseline have the wanted distribution; pairs of shorter
-        baselines have smaller disparities.
+        Of several baselines, only pairs of the longest have the wanted distribution; the others have smaller
+        disparities.
         """
         return self.across_baselines(self.wanted_histogram())
 
@@ -287,10 +287,9 @@ class Config(ConfigSection):
             return longest
         # Without a stated cx_right, doffs is in proportion to the baseline, as disparity is; see `sample_cameras`.
         doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.all_doffs_px.middle
-        parts = [(count, longest.seen_from(ratio, doffs_px)) for ratio, count in zip(ratios, counts, strict=True)]
+        parts = [(count, longest.at_baseline(ratio, doffs_px)) for ratio, count in zip(ratios, counts, strict=True)]
         lowest = float(min(part.edges_px[0] for _, part in parts))
-        if not self.disparity.signed:
-            # Unsigned disparities end at 0.
+        if not self.disparity.signed:  # unsigned disparities end at 0
             lowest = max(0.0, lowest)
         width = longest.edges_px[1] - longest.edges_px[0]
         below = np.linspace(lowest, longest.edges_px[0], 1 + math.ceil((longest.edges_px[0] - lowest) / width))
@@ -314,11 +313,11 @@ class Config(ConfigSection):
         return used
 
     def digest(self) -> str:
-        """Return the SHA-256 of the config's values, 64 hex digits; their notation in YAML does not change it."""
+        """Return the SHA-256 of the config's values, 64 hex digits; it does not depend on their notation in YAML."""
         return digest_of(self.model_dump(mode="json"))
 
 
 def digest_of(values: Mapping[str, Any]) -> str:
-    """Return the SHA-256, 64 hex digits, of a config's values in JSON's types, also if an older version wrote them."""
+    """Return the SHA-256, 64 hex digits, of a config's values in JSON's types; an older version may have written it."""
     text = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

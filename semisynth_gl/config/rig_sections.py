@@ -30,7 +30,7 @@ from semisynth_gl.frame.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD, Eye
 from semisynth_gl.frame.channels import Colour
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera, rotation_of
 
-# Maximum width, which all OpenGL 4.5 drivers support, and number of pixels, which fit into a large machine's memory.
+# Maximum width, which all OpenGL 4.5 drivers support, and maximum number of pixels, for memory.
 WIDEST_PX, MOST_PIXELS = 16_384, 1 << 27
 # Maximum of fy / fx and of fx / fy.
 MOST_FY_OVER_FX = 2.0
@@ -38,14 +38,14 @@ MOST_FY_OVER_FX = 2.0
 _LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
 _SUB_FRAMES = 7
-# Maximum shares of a target below min_px, where far planes and the sky may be, and above max_px. They allow for the
-# outliers of measured histograms.
+# Maximum shares of a target below min_px, where far planes and the sky may be, and above max_px, since measured
+# histograms have outliers.
 _MOST_BELOW, _MOST_ABOVE = 0.25, 0.02
 # Number of scenes that are sampled to find the ratios of their baselines.
 _SCENES = 200
 
 _Side = Annotated[int, Field(ge=1, le=WIDEST_PX)]
-# A ratio of 1 is left out of the values, so that configs of square pixels keep the digest from before this key existed.
+# A ratio of 1 is omitted from the values, so that configs with square pixels keep their digests from before this key.
 _FocalRatio = Annotated[float, Field(ge=1 / MOST_FY_OVER_FX, le=MOST_FY_OVER_FX, exclude_if=lambda ratio: ratio == 1)]
 
 _Baselines = (
@@ -103,7 +103,7 @@ class CameraSection(ConfigSection):
         text = "cx_right_px needs cx_left_px, and excludes doffs_px"
         yield not fits, text, ("cx_left_px", "cx_right_px", "doffs_px")
         baseline_m, baselines = self.baseline_m, self.baselines
-        text = "give either baseline_m, or baselines as a list of metres: baseline_m: null removes the first"
+        text = "give either baseline_m, or baselines as a list of metres; baseline_m: null removes baseline_m"
         yield isinstance(baselines, tuple) == (baseline_m is not None), text, ("baseline_m", "baselines")
         if baseline_m is not None and baseline_m.low == baseline_m.high:
             text = f"expected a range for {baselines} baselines, got only {baseline_m.low:g} m"
@@ -111,7 +111,7 @@ class CameraSection(ConfigSection):
 
     @property
     def baseline_ranges_m(self) -> tuple[Range, ...]:
-        """The range that each baseline of a scene is sampled from, in the order of the pairs; at least one range."""
+        """The ranges from which the baselines of a scene are sampled, in the order of the pairs; at least one."""
         if isinstance(self.baselines, tuple):
             return tuple(Range(metres, metres) for metres in self.baselines)
         assert self.baseline_m is not None  # noqa: S101 - see `_rules`
@@ -232,7 +232,7 @@ class ProjectorSection(ConfigSection):
     turn_deg: Vector = (ZERO, ZERO, ZERO)
     """rotation vector in the left camera's frame, degrees"""
     power: NotNegativeRange
-    """light of a dot on a surface that faces the projector at 1 m; 1 is the light in the photographs"""
+    """light of a dot on a surface 1 m in front of the projector; 1 is the light in the photographs"""
     ambient: NotNegativeRange = Range(1.0, 1.0)
     """all other light, in the unit of ``power``"""
     share: Share = 1.0
@@ -259,11 +259,11 @@ class RigSection(ConfigSection):
     """render each scene twice: pair 2 i deviates, pair 2 i + 1 is rectified"""
 
     def _rules(self) -> Iterator[Rule]:
-        text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set a further key of rig"
+        text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set other keys of rig, too"
         yield self == RigSection.model_construct(twin=True), text, type(self).model_fields
 
-    def none(self) -> bool:
-        """Return whether the pairs are rectified."""
+    def is_rectified(self) -> bool:
+        """Return whether no pair deviates."""
         return self == RigSection()
 
 
@@ -283,7 +283,7 @@ class ImperfectionsSection(ConfigSection):
     sub_frames: Annotated[int, Field(ge=2, le=64)] = _SUB_FRAMES
     """number of images averaged over an exposure"""
     vignetting: Annotated[RangeField, within(0, 0.95)] = ZERO
-    """share of light lost in the corners, half a diagonal from the principal point"""
+    """share of light lost at half a diagonal from the principal point"""
     white_balance: Annotated[RangeField, within(-4, 4)] = ZERO
     """gains of red and of blue, in powers of 2"""
     sharpening: Annotated[RangeField, within(0, 10)] = ZERO
@@ -291,6 +291,6 @@ class ImperfectionsSection(ConfigSection):
     jpeg_quality: Annotated[RangeField, within(1, 100)] | None = None
     """JPEG quality, 1 to 100; by default no compression"""
 
-    def none(self) -> bool:
-        """Return whether the section leaves the images as they are rendered."""
+    def changes_nothing(self) -> bool:
+        """Return whether images stay as they are rendered."""
         return self.model_copy(update={"sub_frames": _SUB_FRAMES}) == ImperfectionsSection()

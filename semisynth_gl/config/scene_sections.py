@@ -37,7 +37,7 @@ _Paths = Annotated[tuple[PathText, ...], FROM_LIST]
 
 
 class BackgroundSection(ConfigSection):
-    """The background, which closes the view."""
+    """The background, which fills the view behind all objects."""
 
     cuboid: Weight = 1.0
     """weight of empty rooms"""
@@ -68,7 +68,7 @@ class RoomSection(ConfigSection):
     camera_height_m: PositiveRange = Range(0.9, 1.7)
     """height of the camera above the floor"""
     floor_row: PositiveRange = Range(0.4, 1.05)
-    """row where floor and far wall meet, over the image's height"""
+    """row where floor and far wall meet, as a share of the image's height"""
     roll_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
     """standard deviation of the camera's roll"""
     furniture: Annotated[RangeField, within(0, 200)] = Range(4.0, 10.0)
@@ -128,7 +128,7 @@ class StructuresSection(ConfigSection):
     panels: Annotated[RangeField, within(0, 1000)] = ZERO
     """number of free-standing slanted rectangles"""
     panel_disparity_px: RangeField | None = None
-    """disparity of a panel's middle; by default the farther half of the range"""
+    """disparity of a panel's middle; by default from the farther half of the range"""
     panel_size_px: PositiveRange = Range(200.0, 800.0)
     """width and height of a panel that faces the camera"""
     panel_slant_deg: Annotated[RangeField, within(0, 89.999)] = Range(0.0, 75.0)
@@ -206,7 +206,7 @@ class ModelsSection(ConfigSection):
 
 
 class TexturesSection(ConfigSection):
-    """The patches, and how they are put on models."""
+    """The patches, and how models show them."""
 
     source: PluginName = "builtin"
     """``images`` (yours), ``builtin`` (painted and scikit-image's photographs), ``photographs``, ``procedural``, or a

@@ -27,10 +27,10 @@ class YamlError(Exception):
 
 
 def read_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
-    """Return the value of a text (None if it is empty), and the line, from 1, of each key and each item of a list.
+    """Return the value of a text (None if it is empty), and the line, from 1, of each key and list item.
 
-    Dates and keys of mappings stay texts. Raises YamlError if the text is not valid, has an anchor, an alias or a tag,
-    or has a key twice.
+    Dates and keys remain texts. Raises YamlError if the text is not valid, or has an anchor, an alias, a tag or a
+    repeated key.
     """
     yaml, lines = YAML(typ="safe", pure=True), dict[KeyPath, int]()
     try:
@@ -70,7 +70,7 @@ def _value(yaml: YAML, node: Node, key: KeyPath, lines: dict[KeyPath, int]) -> A
         mapping = dict[str, Any]()
         for name, child in node.value:
             if not isinstance(name, ScalarNode) or name.value in mapping:
-                raise YamlError(_line(name), "a key is not a text, or occurs twice: each key may occur once")
+                raise YamlError(_line(name), "a key is not a text, or occurs twice")
             lines[*key, name.value] = _line(name)
             mapping[name.value] = _value(yaml, child, (*key, name.value), lines)
         return mapping

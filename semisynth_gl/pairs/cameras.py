@@ -87,7 +87,7 @@ class RigCameras:
         if chains:
             images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
             points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
-        if not section.none():
+        if not section.changes_nothing():
             records["imperfections"] = {}
             for eye in EYES:
                 # The left eye's imperfections are the same for all right views.

@@ -51,7 +51,7 @@ def renderer_options(config: Config) -> dict[str, Any]:
         "large_anisotropy": config.textures.large_anisotropy,
         "outputs": [output for output in config.outputs if output in DRAWN_OUTPUTS],
         "truth": config.truth,
-        "rectified": config.rig.none(),
+        "rectified": config.rig.is_rectified(),
         "signed": config.disparity.signed,
         "antialias": config.antialias,
     }

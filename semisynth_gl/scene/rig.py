@@ -119,7 +119,7 @@ def sample_rig(config: Config, generator_for: Callable[[Purpose], np.random.Gene
     """
     views = sample_cameras(config.camera, generator_for(Purpose.CAMERA))
     section = config.rig
-    if not section.none():
+    if not section.is_rectified():
         rng = generator_for(Purpose.RIG)
         roll, pitch = (np.deg2rad(deg.sample(rng)).item() for deg in (section.right_roll_deg, section.right_pitch_deg))
         deviation = CameraDeviation(roll, pitch, section.right_y_px.sample(rng), section.focal_ratio.sample(rng))

@@ -257,7 +257,7 @@ class SampledScene:
             **({"sky": True} if scene.sky.any() else {}),
             **({} if scene.projector is None else {"projector": scene.projector.record()}),
             "near_m": scene.near_m,
-            "camera": scene.camera.values(deviation=not sampler.config.rig.none()),
+            "camera": scene.camera.values(deviation=not sampler.config.rig.is_rectified()),
             "camera_from_world": scene.camera_from_world[:3].tolist(),
             "models": dict(sorted(models.items())),
             "images": dict(sorted(images.items())),

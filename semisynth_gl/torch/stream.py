@@ -143,8 +143,8 @@ class StereoStream(PairDataset):
     def _check_cuda(self, augmentation: Augmentation | None) -> None:
         if self._checked or augmentation is not None or not self._config.images_as_rendered:
             raise InputError(
-                "device='cuda' needs checked=False, no augmentation, and a config without a lens or imperfections, since "
-                "these use main memory: change them, or use device='cpu' and pin_memory=True in the DataLoader"
+                "device='cuda' needs checked=False, no augmentation, and a config without a lens or imperfections, "
+                "since these use main memory: change them, or use device='cpu' and pin_memory=True in the DataLoader"
             )
         if self._backend == "osmesa" or not torch.cuda.is_available():
             raise InputError("device='cuda' needs EGL and a GPU that torch finds: use device='cpu'")

@@ -312,7 +312,7 @@ def test_code_in_a_checkpoint_is_not_run(dataset, tmp_path):
     torch.save({"state_dict": Evil(), "hyper_parameters": {"network": Evil()}}, path)
     images = ("--left", dataset, "--right", dataset, "--out", tmp_path / "out")
     trained = run(*LEARNT, *CROP, "--data", dataset, "--pretrained", path, "--out", tmp_path / "out")
-    assert refused(trained, "evil.ckpt: expected weights of this very network, and no code")
+    assert refused(trained, "evil.ckpt: expected weights of this network, and no code")
     assert refused(run(path, *images, command=predict.main), "evil.ckpt: expected a checkpoint of train.py")
     assert not Path(Evil.path).exists()
 
@@ -340,7 +340,7 @@ def test_the_command_trains_judges_tunes_and_resumes(dataset, tmp_path):
     tuned = tmp_path / "tuned"
     checked(run(*options, tuned, "--pretrained", tmp_path / "out" / "checkpoint.ckpt"))
     assert left_in(tuned)["state_dict"]["network.number"] != 3
-    assert refused(run(*options, tuned), "expected it not to be there, without --resume")
+    assert refused(run(*options, tuned), "checkpoint.ckpt: exists: add --resume")
     checked(run(*options, tuned, "--resume"))
     assert left_in(tuned)["global_step"] == 3
 
@@ -388,8 +388,8 @@ def test_two_devices_share_the_samples_of_an_epoch(dataset, tmp_path):
         (("--crop", 80, 64), "crop: must be from 1 to 64, got 80"),
         (("--network", "absent:Network"), "--network absent:Network: expected module:callable and its --arguments: No"),
         (("--argument", "start=.nan"), "step 0: the loss is nan: lower --learning-rate"),
-        (("--loss", "cross-entropy"), "the network gives no scores: take --loss smooth-l1 or sequence"),
-        (("--resume",), "checkpoint.ckpt: expected it there, with --resume"),
+        (("--loss", "cross-entropy"), "the network gives no scores: use --loss smooth-l1 or sequence"),
+        (("--resume",), "checkpoint.ckpt: expected with --resume"),
     ],
 )
 def test_what_cannot_be_followed_is_refused_in_a_sentence(arguments, words, dataset, tmp_path, monkeypatch):

@@ -152,7 +152,7 @@ def test_what_cuda_refuses_is_told_and_unmapped(backend, runtime, reader, refuse
 
 def test_a_renderer_on_another_gpu_is_refused(backend, runtime, reader):
     runtime.devices = [1, 2]
-    words = r"draws on CUDA's device 1, 2, but the tensors belong on cpu:0: give gpus=\(0,\)"
+    words = r"uses CUDA's device 1, 2, but the tensors must be on cpu:0: give gpus=\(0,\)"
     with PairRenderer(cheap(), SEED, backend, read=reader) as renderer, pytest.raises(BackendError, match=words):
         renderer.render(0, checked=False)
 

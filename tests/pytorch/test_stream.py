@@ -122,7 +122,7 @@ def test_a_renderer_opens_for_the_first_sample_and_closes_when_told(backend, mon
         ({"device": "cuda"}, "checked=False.*pin_memory=True"),
         ({"device": "cuda", "backend": "osmesa", "checked": False}, "EGL and a GPU that torch finds"),
         *(
-            ({"device": "cuda", "checked": False, **more}, "a config without a lens, imperfections")
+            ({"device": "cuda", "checked": False, **more}, "no augmentation, and a config without a lens or")
             for more in ({"config": cheap(imperfections={"noise": [1, 2]})}, {"augmentation": Augmentation()})
         ),
     ],

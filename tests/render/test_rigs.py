@@ -175,7 +175,7 @@ def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, c
     """All outputs of both views, whole and cropped, asked for in any order."""
     outputs = [output for output in DRAWN_OUTPUTS if output != "disparity_change" or "rig" not in changes]
     config, crop = several(sequence={"length": 2}, outputs=outputs, **changes), Crop(9, 7, 30, 21)
-    options = {"truth": config.truth, "antialias": config.antialias, "rectified": config.rig.none()}
+    options = {"truth": config.truth, "antialias": config.antialias, "rectified": config.rig.is_rectified()}
     with PairRenderer(config, SEED, backend) as pairs:
         atlas = pairs.sources.atlas.layers
         with Renderer(pairs.sampler.models, atlas, outputs=outputs, backend=backend, **options) as alone:
