@@ -10,6 +10,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from make_picture import flow_colours
 from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 from PIL import Image
@@ -147,13 +148,6 @@ def draw_imperfections(folder: Path) -> Iterator[str]:
         yield figure(key or "none", f"`{key}: {value}`" if key else "none", path)
 
 
-def show_flow(flow: Floats) -> Floats:
-    """Return colours of flow: the hue is its direction, and the saturation its length."""
-    length = np.hypot(flow[..., 0], flow[..., 1])
-    angle = np.arctan2(flow[..., 1], flow[..., 0]) / (2 * np.pi) % 1
-    return hsv_to_rgb(np.stack([angle, np.clip(length / 40, 0, 1), np.ones_like(length)], axis=2))
-
-
 def show_ids(ids: NDArray[np.uint16]) -> Floats:
     """Return a random colour for each id; 0 is black."""
     table = hsv_to_rgb(np.random.default_rng(5).uniform((0, 0.35, 0.55), (1, 0.9, 1), (int(ids.max()) + 1, 3)))
@@ -170,19 +164,19 @@ def quantile_colours(name: str) -> Callable[[Floats], Floats]:
 SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | PaintedPicture]] = {
     "image": lambda image: image,
     "disparity": quantile_colours("inferno"),
-    "visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
+    "visibility": as_rgb,
     "correspondence": lambda way: quantile_colours("inferno")(np.hypot(*np.moveaxis(way, 2, 0))),
     "instances": show_ids,
     "depth": quantile_colours("viridis_r"),
-    "sky": lambda mask: np.repeat(mask[..., None], 3, axis=2),
-    "valid": lambda mask: np.repeat(mask[..., None], 3, axis=2),
+    "sky": as_rgb,
+    "valid": as_rgb,
     "raw": lambda image: image,
     "raw_map": lambda position: np.dstack([position / position.max(axis=(0, 1)), np.full(position.shape[:2], 0.4)]),
     "normals": lambda normals: (1 - normals) / 2,
-    "flow": show_flow,
-    "flow_visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
-    "flow_backward": show_flow,
-    "flow_backward_visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
+    "flow": flow_colours,
+    "flow_visibility": as_rgb,
+    "flow_backward": flow_colours,
+    "flow_backward_visibility": as_rgb,
     "disparity_change": lambda change: colours(change, "coolwarm", -1.5, 1.5),
 }
 

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from make_picture import strip
+from make_picture import coloured, strip
 from matplotlib.colors import TwoSlopeNorm
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from semisynth_gl import load_config, render_pair
@@ -30,15 +29,11 @@ def draw_baselines(path: Path) -> None:
     largest = float(frames[-1].left.disparity.max())
     # Inverse depth, so that near things are bright, as in the disparities.
     above = [left.image, *(frame.right.image for frame in frames)]
-    below = [_coloured(1 / left.depth, largest / frames[-1].camera.focal_baseline)]
-    below += [_coloured(frame.left.disparity, largest) for frame in frames]
+    below = [coloured(1 / left.depth, largest / frames[-1].camera.focal_baseline)]
+    below += [coloured(frame.left.disparity, largest) for frame in frames]
     gap = np.full((12, left.image.shape[1], 3), 255, np.uint8)
     columns = [np.concatenate([one, gap, two]) for one, two in zip(above, below, strict=True)]
     strip(columns, path)
-
-
-def _coloured(values: NDArray[np.float32], largest: float) -> NDArray[np.uint8]:
-    return (255 * mpl.colormaps["inferno"](values / largest)[..., :3]).astype(np.uint8)
 
 
 def draw_signed(path: Path) -> None:
@@ -57,9 +52,8 @@ def draw_sky(path: Path) -> None:
     few = "particles.layers=[{count: 4, disparity_px: [20, 60]}]"
     with PairRenderer(load_config("sceneflow", [*_OPEN, *keys, few]), 1) as renderer:
         frame = renderer.render(4).frame
-    shown = mpl.colormaps["inferno"](frame.left.disparity / np.quantile(frame.left.disparity, 0.99))[..., :3]
-    mask = np.repeat(frame.left.sky[:, :, None], 3, axis=2)
-    strip([frame.left.image, (255 * shown).astype(np.uint8), mask], path)
+    shown = coloured(frame.left.disparity, float(np.quantile(frame.left.disparity, 0.99)))
+    strip([frame.left.image, shown, as_rgb(frame.left.sky)], path)
 
 
 # A large value of each imperfection, in the order in which cameras cause them.
@@ -132,14 +126,14 @@ def draw_lenses(path: Path) -> None:
     config = load_config("sceneflow", {"lens": lens, "outputs": ["visibility", "valid", "raw"]})
     with PairRenderer(config, 0) as renderer:
         view = renderer.render(1).frame.left
-    strip([view.raw, view.image, np.repeat(view.visibility[:, :, None], 3, axis=2)], path)
+    strip([view.raw, view.image, as_rgb(view.visibility)], path)
 
 
 def draw_projector(path: Path) -> None:
     """Show a pair with projected dots, and its disparity."""
     with PairRenderer(load_config("active-infrared", {"projector": {"power": 14, "ambient": 0.5}}), 0) as renderer:
         frame = renderer.render(3).frame
-    shown = _coloured(frame.left.disparity, float(np.quantile(frame.left.disparity, 0.98)))
+    shown = coloured(frame.left.disparity, float(np.quantile(frame.left.disparity, 0.98)))
     strip([as_rgb(frame.left.image), as_rgb(frame.right.image), shown], path)
 
 

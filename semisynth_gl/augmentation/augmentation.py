@@ -20,6 +20,41 @@ Share = Annotated[float, 0, 1]
 Size = tuple[int, int]  # height and width, px
 
 
+@dataclass(frozen=True, slots=True)
+class SequenceChanges:
+    """The changes of a sequence's pairs, in the order in which they are applied."""
+
+    mirrored: bool
+    warp: Warp
+    size: Size | None  # of the result; None for the image's size
+    rectangles: tuple[Crop, ...]
+    colours: Mapping[Eye, Mapping[str, Any]]  # the keyword arguments of `recoloured`
+
+    @property
+    def source_size(self) -> Size | None:
+        """Size of the crop that the result is made from; None for the whole image."""
+        return None if self.size is None else self.warp.source_size(self.size)
+
+    def applied(self, frame: Frame, rng: np.random.Generator) -> Frame:
+        """Return the changed pair; ``frame`` has the size `source_size`, and ``rng`` samples the noise.
+
+        Raises InputError if the pair lacks something that a change needs.
+        """
+        kept = [name for name, channel in CHANNELS.items() if channel.is_truth or name == "image"]
+        frame = Frame(frame.camera, *(ViewArrays({n: v[n] for n in kept if n in v}) for v in (frame.left, frame.right)))
+        if self.mirrored:
+            frame = mirrored(frame)
+        if self.size is not None:
+            frame = self.warp.applied(frame, self.size).with_own_masks()
+        frame = occluded(frame, self.rectangles)
+        images = {eye: frame.view(eye).image for eye in EYES}
+        # One mean for both eyes, so that equal changes keep equal colours equal.
+        contrasts = any(each["contrast"] != 1 for each in self.colours.values())
+        mean = mean_luminance(list(images.values())) if contrasts else 0.0
+        images = {eye: recoloured(image, mean, rng, **self.colours[eye]) for eye, image in images.items()}
+        return Frame(frame.camera, *(frame.view(eye).with_channels({"image": images[eye]}) for eye in EYES))
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Augmentation(CheckedFields):
     """Changes of training pairs. The default changes nothing.
@@ -86,9 +121,7 @@ class Augmentation(CheckedFields):
                 argument="scale",
             )
 
-    def sample(
-        self, crop: Size | None, image_size: Size, seed: int, sequence: int, epoch: int = 0
-    ) -> "SequenceChanges":
+    def sample(self, crop: Size | None, image_size: Size, seed: int, sequence: int, epoch: int = 0) -> SequenceChanges:
         """Sample the changes of a sequence's pairs; ``seed`` is the split's.
 
         ``crop`` is the size of the result, None for whole images; `check` must accept the sizes.
@@ -144,44 +177,6 @@ class Augmentation(CheckedFields):
             width, height = rng.integers(int(self.rectangle_px[0]), int(self.rectangle_px[1]) + 1, 2).tolist()
             rectangles.append(Crop(x, y, min(width, size[1] - x), min(height, size[0] - y)))
         return tuple(rectangles)
-
-
-@dataclass(frozen=True, slots=True)
-class SequenceChanges:
-    """The changes of a sequence's pairs, in the order in which they are applied."""
-
-    mirrored: bool
-    warp: Warp
-    size: Size | None  # of the result; None for the image's size
-    rectangles: tuple[Crop, ...]
-    colours: Mapping[Eye, Mapping[str, Any]]  # the keyword arguments of `recoloured`
-
-    @property
-    def source_size(self) -> Size | None:
-        """Size of the crop that the result is made from; None for the whole image."""
-        return None if self.size is None else self.warp.source_size(self.size)
-
-    def applied(self, frame: Frame, rng: np.random.Generator) -> Frame:
-        """Return the changed pair; ``frame`` has the size `source_size`, and ``rng`` samples the noise.
-
-        Raises InputError if the pair lacks something that a change needs.
-        """
-        kept = [name for name, channel in CHANNELS.items() if channel.is_truth or name == "image"]
-        frame = Frame(frame.camera, *(ViewArrays({n: v[n] for n in kept if n in v}) for v in (frame.left, frame.right)))
-        if self.mirrored:
-            frame = mirrored(frame)
-        if self.size is not None:
-            frame = self.warp.applied(frame, self.size).with_own_masks()
-        frame = occluded(frame, self.rectangles)
-        images = {eye: frame.view(eye).image for eye in EYES}
-        # One mean for both eyes, so that equal changes keep equal colours equal.
-        contrasts = any(each["contrast"] != 1 for each in self.colours.values())
-        mean = mean_luminance(list(images.values())) if contrasts else 0.0
-        left, right = (
-            frame.view(eye).with_channels({"image": recoloured(images[eye], mean, rng, **self.colours[eye])})
-            for eye in EYES
-        )
-        return Frame(frame.camera, left, right)
 
 
 PRESETS: Mapping[str, Augmentation] = {

@@ -143,8 +143,8 @@ def rod_bundle(rng: np.random.Generator) -> Parts:
     for _ in range(count):
         middle, lean = rng.uniform(-1, 1, 2), rng.normal(0, 0.35, 2)
         middle *= 0.8 * ring / max(1.0, float(np.linalg.norm(middle)))
-        ends = [np.append(middle + side * 0.5 * lean, side * length / 2 * rng.uniform(0.8, 1)) for side in (-1, 1)]
-        yield rod(*ends, rng.uniform(0.006, 0.018), sides=6)
+        low, high = (np.append(middle + side * lean / 2, side * length / 2 * rng.uniform(0.8, 1)) for side in (-1, 1))
+        yield rod(low, high, rng.uniform(0.006, 0.018), sides=6)
     tube = circle(0.03, 10)
     heights = (0.0,) if rng.random() < 0.5 else (-0.2, 0.2)
     yield from [lathe(tube + (ring + 0.05, z), 36, closed=True) for z in heights]

@@ -298,7 +298,7 @@ def test_weights_are_found_in_files_of_other_trainings(tmp_path):
         assert network.number == 5
     for wrong in ({**state, "more": state["number"]}, {**state, "number": torch.zeros(4)}, {}):
         torch.save(wrong, path)
-        with pytest.raises(InputError, match=r"weights\.pth: expected weights of this very .*(more|number)"):
+        with pytest.raises(InputError, match=r"weights\.pth: expected weights of this .*(more|number)"):
             train.load_weights(network, path)
 
 
