@@ -35,10 +35,10 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
         InputError: if shapes, indices or values are wrong, or no triangle has an area.
     """
     points = to_array(f"model {name}: positions", positions, np.float64)
-    unmapped = np.zeros((len(points) if points.ndim else 0, 2))
     coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
     index = to_array(f"model {name}: triangles", triangles, np.uint32)
-    make_part(name, points, unmapped if coordinates is None else coordinates, index)  # checks shapes and values
+    # Checks shapes and values.
+    make_part(name, points, np.zeros((*points.shape[:1], 2)) if coordinates is None else coordinates, index)
     return join_surfaces(name, [(points, index.astype(np.int64), coordinates)])
 
 

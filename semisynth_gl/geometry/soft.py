@@ -110,9 +110,8 @@ def curtain(rng: np.random.Generator) -> Parts:
     down = np.linspace(0, 1, rows + 1)[:, None]
     depth = deep * np.sin(along) * (0.75 + 0.25 * down)
     sway = 0.01 * np.sin(3 * along + 2 * down)
-    x = width * (share - 0.5 + 0.0 * down)
-    z = height * (1 - down) + 0 * share
-    yield grid_surface(np.stack([x, depth + sway * deep, z], axis=2)[::-1])
+    points = np.broadcast_arrays(width * (share - 0.5), depth + sway * deep, height * (1 - down))
+    yield grid_surface(np.stack(points, axis=2)[::-1])
 
 
 def cloth(rng: np.random.Generator) -> Parts:
