@@ -2,8 +2,8 @@
 
     python benchmarks/alternatives.py --json alternatives.json
 
-All alternatives render the same scenes in turns. In the tables, the default is bold. A star marks alternatives that no
-other alternative beats in time and error.
+All alternatives render the same scenes in turns. In the tables, the default is bold, and a star marks the Pareto front
+of time and error.
 """
 
 import json

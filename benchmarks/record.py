@@ -57,20 +57,20 @@ def _peers_headline(report: Mapping[str, Any]) -> str:
 
 
 _ALTERNATIVES = """\
-The default is bold. A star marks alternatives that no other one dominates in time and error, where 5 % count as a tie.
-Times are medians over the turns, and the column x is the time relative to the default's, taken turn by turn.
+The default is bold. A star marks the Pareto front of time and error, where differences up to 5 % are ties. Times are
+medians over the turns. The column x is the median ratio to the default's time in the same turn.
 
-Errors of the disparity are those against a float64 ray cast, away from edges; the error at 99.9 % is weighed.
-Antialiasing is timed on pairs with both disparities, without masks. PSNR is against 64 samples a pixel: of all pixels,
-of those within 1 px of another instance, and of the rest."""
+Errors of the disparity are measured against float64 rays away from edges; the stars use the error at 99.9 %.
+Antialiasing is timed on pairs with both disparities, without masks. PSNR is against 64 samples per pixel: over all
+pixels, over pixels within 1 px of a different instance, and over the rest."""
 _SPEED = """\
 Stages: one thread, and the driver finishes each one before the next begins.
 
-Workers: whole runs, files written, while all workers are busy. *threads each* is the number of threads that llvmpipe
-draws with; with 0 it draws in the thread that calls."""
+Workers: whole runs with files, while all workers are busy. *threads each* is the number of llvmpipe's threads in each
+worker; with 0, it draws in the calling thread."""
 _PEERS = """\
-Left and right PNG and the left float32 disparity are written. Candidates take turns, each with the number of processes
-and threads that suits it best; times are medians over the rounds. [peers/README.md](../peers/README.md) says how."""
+Each renderer writes left and right PNG and the left float32 disparity. The renderers take turns, each with its fastest
+numbers of processes and threads. Times are medians over the rounds. Details: [peers/README.md](../peers/README.md)."""
 _PEER_ROWS = ("--variants", "edges,msaa4,ssaa2,all,none,workbench")
 MEASUREMENTS: Mapping[str, Result] = {
     "alternatives": Result(

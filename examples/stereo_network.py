@@ -213,6 +213,6 @@ def _upsampled(disparity: Tensor, weights: Tensor) -> Tensor:
 
 
 def _resized(values: Tensor, like: Tensor) -> Tensor:
-    """Interpolate linearly to the size of another tensor."""
+    """Interpolate linearly to the size of ``like``."""
     mode = "trilinear" if values.ndim == 5 else "bilinear"
     return functional.interpolate(values, size=like.shape[2:], mode=mode, align_corners=False)

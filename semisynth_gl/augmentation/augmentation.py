@@ -63,8 +63,8 @@ class Augmentation(CheckedFields):
     and the epoch; the noise also depends on the pair. All frames of a sequence change alike, so that flow is valid
     between them.
 
-    The changed pair has exact truth at the centre of each pixel, see `semisynth_gl.augmentation.resampling`. Raw images
-    and maps into them are dropped, since they show the unchanged pair.
+    Truth is that of the changed pair at the centre of each pixel, see `semisynth_gl.augmentation.resampling`. Raw
+    images and maps into them are dropped, since they show the unchanged pair.
 
     Attributes:
         scale: factors of width and height, sampled log-uniformly, and raised if the crop would not fit.

@@ -71,12 +71,10 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
     return Frame(frame.camera, left, frame.right.with_channels(arrays))
 
 
-def _masked(
-    mask: NDArray[np.uint8], displacement: NDArray[np.floating], hidden: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
-    """Return a mask whose visible pixels are `OCCLUDED` if their displacement (H, W, 2) leads to a hidden pixel."""
-    y, x = np.nonzero((mask == VISIBLE) & np.isfinite(displacement).all(axis=2))
-    column, row = np.rint(np.stack([x, y]) + displacement[y, x].T).astype(np.intp)
+def _masked(mask: NDArray[np.uint8], offset: NDArray[np.floating], hidden: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return a mask whose visible pixels are `OCCLUDED` if their displacement, ``offset``, leads to a hidden pixel."""
+    y, x = np.nonzero((mask == VISIBLE) & np.isfinite(offset).all(axis=2))
+    column, row = np.rint(np.stack([x, y]) + offset[y, x].T).astype(np.intp)
     # Positions outside the image are clipped to a border of one pixel, which is not hidden.
     padded = np.pad(hidden, 1)
     covered = padded[(row + 1).clip(0, padded.shape[0] - 1), (column + 1).clip(0, padded.shape[1] - 1)]

@@ -52,8 +52,8 @@ def table(report: Mapping[str, Any]) -> str:
     """Return a report as one line."""
     median, p999, worst = errors_text(report["disparity"])
     return (
-        f"Disparity against float64 rays, {report['pixels_compared']} pixels ({report['pixels_left_out']} lie "
-        f"within 1/16 px of another triangle): median error {median} px, 99.9 % {p999} px, worst {worst} px."
+        f"Disparity against float64 rays, {report['pixels_compared']} pixels (without {report['pixels_left_out']} "
+        f"within 1/16 px of a different triangle): median error {median} px, 99.9 % {p999} px, worst {worst} px."
     )
 
 
