@@ -10,7 +10,7 @@ from semisynth_gl.geometry.unwrap import project_uv
 from semisynth_gl.inputs.arguments import MOST, to_array
 from semisynth_gl.inputs.errors import InputError
 
-# A part's UV map is used if this share of the part's surface, or more, has usable UV.
+# A part's UV map is used if more than this share of the part's surface has usable UV.
 _LEAST_MAPPED = 0.5
 # A triangle's UV is unusable if it stretches the texture by this factor or more, relative to the median of its part.
 _MOST_STRETCH = 16

@@ -89,7 +89,7 @@ def test_memory_stays_flat_over_many_pairs(backend):
 
 def test_user_models_alone(tmp_path, backend):
     config = tiny(models={"simple": 0.0, "complex": 0.0})
-    with pytest.raises(InputError, match="no models to draw"):
+    with pytest.raises(InputError, match="no models to sample"):
         PairRenderer(config, 0, backend)
     (tmp_path / "tetra.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
     config = tiny(models={"simple": 0.0, "complex": 0.0, "folders": [str(tmp_path)]})
