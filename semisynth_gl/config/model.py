@@ -192,7 +192,7 @@ class Config(ConfigSection):
             is_cut = not self.lens.border_disparity
             masked = [name for name in self.outputs if name in ("visibility", "flow", "flow_backward")]
             for name in masked or ["disparity"] * is_cut:
-                text = f"{name} is missing where the lens's sensors see nothing: add the mask valid to outputs"
+                text = f"{name} has no values where sensors see nothing: add valid to outputs, which marks these pixels"
                 yield "valid" not in outputs, text, ("lens", "outputs")
             text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
             has_no_flow = "disparity_change" in outputs and "flow" not in outputs
