@@ -747,16 +747,6 @@ def test_what_is_no_calibration_is_refused_with_what_is_wrong(tmp_path, text, wo
     assert str(tmp_path / "rig.txt") in str(error.value)
 
 
-@settings(max_examples=60)
-@given(data=st.one_of(st.binary(max_size=300), st.text(max_size=300).map(lambda text: f"cam0=[{text}".encode())))
-@pytest.mark.parametrize("extension", ["yaml", "txt", "json", "xml", "npz", "cameramodel"])
-def test_any_bytes_are_read_or_refused(tmp_path_factory, data, extension):
-    path = tmp_path_factory.mktemp("any") / f"x.{extension}"
-    path.write_bytes(data)
-    with pytest.raises(SemisynthError):
-        read_rig([path])
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -834,7 +824,7 @@ def test_a_rectified_rig_does_without_a_lens_that_cannot_be_used(tmp_path, files
 
 # What damages a number or a name: other values, other names, and nothing.
 DAMAGES = (b"nan", b".inf", b"-1", b"0", b"1e400", b'"x"', b"null", b"[]", b"true", b"-12", b"[[1],[2,3]]", b"~", b"")
-DAMAGES += (b"1e300", b"9" * 5000)
+DAMAGES += (b"1e300", b"9" * 5000, b"\xff")
 
 
 @settings(max_examples=150)

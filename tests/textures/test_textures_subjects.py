@@ -1,7 +1,7 @@
 """Photographs of one subject: told by their names, in one split, with one say."""
 
 from collections import Counter
-from itertools import chain, combinations
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -96,15 +96,6 @@ def pairs_in(folder, scenes):
         left, right = views(number)
         save(folder / f"scene{number}", im0=left, im1=right)
     return folder
-
-
-def test_both_views_of_a_pair_are_in_one_split(tmp_path):
-    section = TexturesSection(source="images", images=(str(pairs_in(tmp_path, 6)),))
-    for seed in range(8):
-        taken = [split_images(section, SplitsSection().split(name, SPLITS, seed)) for name in SPLITS]
-        assert list(map(len, taken)) == [8, 2, 2]
-        for one, other in combinations(taken, 2):
-            assert {path.parent for path in one}.isdisjoint(path.parent for path in other)
 
 
 def test_both_views_of_image_sequences_are_in_one_split(tmp_path):
