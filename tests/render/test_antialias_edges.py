@@ -9,7 +9,7 @@ from scenes import SQUARE, facing, one_model, posed
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh
-from semisynth_gl.geometry.topology import is_solid, marked_solid
+from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.outlines import OutlineFinder
 from semisynth_gl.scene.scene import make_scene
@@ -20,6 +20,7 @@ CAMERA = replace(StereoCamera.centred(160, 120, 200.0, 0.05), fy_over_fx=1.2)
 FLAT = np.full((4, 16, 16, 4), 255, np.uint8)
 FLAT[:, ..., :3] = np.array([[20, 30, 40], [220, 60, 20], [40, 200, 90], [90, 120, 250]])[:, None, None]
 WALL = facing(CAMERA, -200, -200, 700, 700, 8.0)
+TURN = np.array([[0.8, -0.6, 0], [0.36, 0.48, -0.8], [0.48, 0.64, 0.6]])
 
 
 def polygon(points, *, depth_m=2.0):
@@ -56,8 +57,13 @@ def drawn(open_renderer, scenes, mode):
     return images
 
 
-def outlines_of(mesh):
-    return OutlineFinder([mesh], np.arange(len(mesh.positions), dtype=np.uint32))
+def outlines(mesh, poses, *, solid=False):
+    """Find the outlines of instances of a mesh for the left eye."""
+    scene, count = one_model(CAMERA, poses), len(poses)
+    solids, colours = np.full(count, solid), np.ones((count, 4))
+    transforms = InstanceTransforms(scene, scene.world_from_model, np.ones(count), solids, colours)
+    finder = OutlineFinder([mesh], np.arange(len(mesh.positions), dtype=np.uint32))
+    return finder.find(transforms, "left", np.arange(count))
 
 
 def error(images, reference):
@@ -125,8 +131,7 @@ def test_shares_are_those_of_the_square_of_a_pixel(open_renderer):
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_outlines_of_curved_surfaces_come_near_to_many_samples_too(open_renderer, mirrored):
-    turned = np.array([[0.8, -0.6, 0], [0.36, 0.48, -0.8], [0.48, 0.64, 0.6]]) @ np.diag([-1 if mirrored else 1, 1, 1])
-    placed = posed(0.5 * turned, (0, 0, 2.5))
+    placed = posed(0.5 * TURN @ np.diag([-1 if mirrored else 1, 1, 1]), (0, 0, 2.5))
     kinds = {"sphere": 0.22, "torus": 0.06, "cone": 0.11, "cylinder": 0.06}
     models = [SQUARE, *(marked_solid(SIMPLE_KINDS[kind](np.random.default_rng(0))) for kind in kinds)]
     renderers = [open_renderer(models, FLAT, antialias=mode, outputs=()) for mode in ("none", "edges", "ssaa8")]
@@ -183,15 +188,24 @@ def test_outlines_of_many_instances_are_those_of_each(monkeypatch):
     mesh = SIMPLE_KINDS["torus"](np.random.default_rng(0))
     places = np.tile(np.eye(4), (7, 1, 1))
     places[:, :3, 3] = np.random.default_rng(1).uniform([-1, -1, 4], [1, 1, 9], (7, 3))
-    scene = one_model(CAMERA, places)
-    placed = InstanceTransforms(scene, scene.world_from_model, np.ones(7), np.zeros(7, bool), np.ones((7, 4)))
-    together = outlines_of(mesh).find(placed, "left", np.arange(7))
+    together = outlines(mesh, places)
     # Two instances at once, of seven.
     monkeypatch.setattr("semisynth_gl.render.outlines._MOST_AT_ONCE", 3 * len(mesh.triangles))
-    np.testing.assert_array_equal(outlines_of(mesh).find(placed, "left", np.arange(7)), together)
+    np.testing.assert_array_equal(outlines(mesh, places), together)
     # Far ones first.
     seen = together[np.sort(np.unique(together[:, 0], return_index=True)[1]), 0]
     assert list(seen) == list(np.argsort(-places[:, 2, 3]))
+
+
+def test_of_a_solid_no_edge_is_outlined_that_its_own_front_hides():
+    torus, pose = marked_solid(SIMPLE_KINDS["torus"](np.random.default_rng(0))), posed(0.5 * TURN, (0, 0, 2.5))
+    found = outlines(torus, [pose], solid=True)
+    assert 50 < len(found) < len(outlines(torus, [pose]))
+    # Outlined triangles face the eye, which is at the origin.
+    faces = {frozenset(triangle): triangle for triangle in torus.triangles.tolist()}
+    points = torus.positions @ pose[:3, :3].T + pose[:3, 3]
+    a, b, c = np.moveaxis(points[[faces[frozenset(corners)] for corners in found[:, 1:].tolist()]], 1, 0)
+    assert (np.cross(b - a, c - a) * -a).sum(axis=1).min() > 0
 
 
 def test_outlines_are_alike_where_vertices_are_repeated(open_renderer):
@@ -207,42 +221,3 @@ def test_outlines_are_alike_where_vertices_are_repeated(open_renderer):
     )
     assert len(np.unique(plain[..., 0])) > 50
     np.testing.assert_array_equal(plain, traced)
-
-
-def outlined(mesh, eye, *, solid=True, mirrored=False):
-    """Edges of a mesh that an eye somewhere sees as outlines: sets of the two ends' positions."""
-    # Look from the eye to the origin: any turn will do, since what is hidden by the image's borders is found, too.
-    forward = -np.asarray(eye, float) / np.linalg.norm(eye)
-    aside = np.cross([0.3, 1.0, 0.2], forward)
-    aside /= np.linalg.norm(aside)
-    turn = np.stack([aside, np.cross(forward, aside), forward])
-    pose = posed(turn, turn @ -np.asarray(eye, float)) @ np.diag([-1.0 if mirrored else 1.0, 1, 1, 1])
-    scene, solid = one_model(CAMERA, [pose]), np.array([solid and not mirrored])
-    transforms = InstanceTransforms(scene, scene.world_from_model, np.array([9.0]), solid, np.ones((1, 4)))
-    found, points = outlines_of(mesh).find(transforms, "left", np.array([0])), mesh.positions
-    assert (found[:, 0] == 0).all()
-    if solid:
-        # Of what is drawn: fronts alone.
-        drawn_as = {frozenset(triangle): triangle for triangle in mesh.triangles.tolist()}
-        a, b, c = np.moveaxis(points[[drawn_as[frozenset(corners)] for corners in found[:, 1:].tolist()]], 1, 0)
-        assert (np.cross(b - a, c - a) * (eye - a)).sum(axis=1).min() > 0
-    return sorted({tuple(sorted((tuple(points[a]), tuple(points[b])))) for a, b in found[:, 1:3]})
-
-
-@pytest.mark.parametrize("solid", [True, False])
-def test_a_cube_is_outlined_by_six_edges_or_four(solid):
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = [corner for a, b, c, d in quads for corner in ((a, b, c), (a, c, d))]
-    cube = make_mesh("cube", corners, corners[:, :2], triangles)
-    assert is_solid(cube)
-    assert len(outlined(cube, (0.1, 0.2, -5), solid=solid)) == 4
-    from_a_corner = outlined(cube, (-3, -4, -5), solid=solid)
-    assert len(from_a_corner) == 6
-    assert not any((-1, -1, -1) in edge or (1, 1, 1) in edge for edge in from_a_corner)
-    assert outlined(cube, (3, -4, -5), solid=False, mirrored=True) == from_a_corner
-
-
-def test_of_a_solid_no_edge_is_outlined_that_its_own_front_hides():
-    torus, eye = marked_solid(SIMPLE_KINDS["torus"](np.random.default_rng(0))), (-3, -4, -5)
-    assert set(outlined(torus, eye)) < set(outlined(torus, eye, solid=False))
