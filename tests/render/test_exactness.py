@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_table import CAMERA, wall
+from scene_table import CAMERA, DEVIATION, wall
 from scenes import SQUARE, assert_equal, board, facing, noise_layers, on_plane, one_model
 
 from semisynth_gl.frame.camera import EYES, CameraDeviation, StereoCamera
@@ -16,23 +16,14 @@ pytestmark = pytest.mark.one_backend
 
 PLAIN = StereoCamera(160, 120, 225.0, 0.25, 80.1, 80.1, 57.7)
 NORMALS = [(0, 0, 1), (0.5, 0.2, 1), (-0.3, -0.6, 1), (0.2, -2.5, 1)]
-DEVIATIONS = [
-    *(
-        CameraDeviation(roll_rad=0.02),
-        CameraDeviation(pitch_rad=-0.015),
-        CameraDeviation(y_px=2.3),
-        CameraDeviation(focal_ratio=1.01),
-    ),
-    CameraDeviation(-0.03, 0.02, -1.7, 0.98),
-]
 CAMERAS = {
     "plain": PLAIN,
     "doffs": replace(PLAIN, cx_right_px=94.4),
     "negative doffs": replace(PLAIN, cx_right_px=75.1),
     "high pixels": replace(PLAIN, fy_over_fx=1.25, cx_right_px=83.6),
     "wide pixels": replace(PLAIN, fy_over_fx=0.8),
-    **{f"deviation {number}": replace(PLAIN, deviation=each) for number, each in enumerate(DEVIATIONS)},
-    "deviation, wide pixels, doffs": replace(PLAIN, deviation=DEVIATIONS[-1], fy_over_fx=0.8, cx_right_px=83.6),
+    "deviation": replace(PLAIN, deviation=DEVIATION),
+    "deviation, wide pixels, doffs": replace(PLAIN, deviation=DEVIATION, fy_over_fx=0.8, cx_right_px=83.6),
 }
 
 

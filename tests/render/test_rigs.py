@@ -119,16 +119,15 @@ def test_a_deviation_that_takes_the_largest_disparity_is_refused(focal_px, said)
 @pytest.mark.parametrize(
     "make",
     [
-        *(
-            lambda each=each: CameraDeviation(**each)
-            for each in ({"roll_rad": 0.2}, {"pitch_rad": -1}, {"focal_ratio": 1.3})
-        ),
-        *(
-            lambda each=each: replace(CAMERA, **each)
-            for each in ({"fy_over_fx": 0}, {"focal_px": 9e5, "fy_over_fx": 2})
-        ),
+        lambda: CameraDeviation(roll_rad=0.2),
+        lambda: CameraDeviation(pitch_rad=-1),
+        lambda: CameraDeviation(focal_ratio=1.3),
+        lambda: replace(CAMERA, fy_over_fx=0),
+        lambda: replace(CAMERA, focal_px=9e5, fy_over_fx=2),
         lambda: one_model(CAMERA, [np.eye(4)], sky=[True, False]),
-        *(lambda each=each: load_config("kitti", [f"camera.fy_over_fx={each}"]) for each in ("0.4", "2.1", "[1, 1.1]")),
+        lambda: load_config("kitti", ["camera.fy_over_fx=0.4"]),
+        lambda: load_config("kitti", ["camera.fy_over_fx=2.1"]),
+        lambda: load_config("kitti", ["camera.fy_over_fx=[1, 1.1]"]),
         lambda: load_config("middlebury", ["rig.twin=true"]),
         lambda: load_config("sceneflow", ["rig.right_y_px=1", "outputs=[disparity_change]", "sequence.length=2"]),
         lambda: Renderer([SQUARE], noise_layers(1, 16), outputs=["disparity_change"], rectified=False),
