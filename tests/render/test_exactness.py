@@ -9,8 +9,10 @@ from scenes import SQUARE, assert_equal, board, facing, noise_layers, on_plane, 
 
 from semisynth_gl.frame.camera import EYES, CameraDeviation, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.geometry.mesh import make_mesh, mesh_grid
 from semisynth_gl.render import programs
 from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.scene.scene import make_scene
 
 pytestmark = pytest.mark.one_backend
 
@@ -216,6 +218,27 @@ def test_masks_know_what_lies_between_pixels(open_renderer, x, boards, expected)
     left = open_renderer([SQUARE], noise_layers(1, 16)).render(scene).left
     np.testing.assert_allclose(left.disparity[:, x], boards[0][2], atol=1e-4)
     assert (left.visibility[:, x] == expected).all()
+
+
+@pytest.mark.parametrize("begin", np.linspace(20.05, 20.95, 7))
+def test_an_edge_of_many_small_triangles_hides_from_where_it_lies(open_renderer, begin):
+    # An odd number of rows keeps edges off the line on which the surface is traced.
+    u, v, triangles = mesh_grid(201, 200)
+    fine = make_mesh("fine", np.stack([u, v, 0 * u], axis=1), np.stack([u, v], axis=1), triangles)
+    # In an image of one row, no surface above or below the point decides.
+    camera = StereoCamera.centred(96, 1, 100.0, 1.0)
+    far_px, near_px, end = 5.3, 20.0, 41.0
+    wall = facing(camera, -200, -200, 600, 500, 100.0 / far_px)
+    poses = [wall, board(camera, begin, end, near_px)]
+    scene = make_scene(camera, model=[0, 1], world_from_model=poses, layer=[0, 0], near_m=1.0)
+    renderer = open_renderer([SQUARE, fine], noise_layers(1, 8), outputs=("visibility", "instances"))
+    left = renderer.render(scene).left
+    target = np.arange(96) - far_px
+    hidden = (target > begin) & (target < end)
+    shown = (left.instances == 1) & (target >= 0) & (np.minimum(abs(target - begin), abs(target - end)) > 1e-3)
+    assert (hidden & shown).any()
+    expected = np.broadcast_to(np.where(hidden, OCCLUDED, VISIBLE), shown.shape)
+    np.testing.assert_array_equal(left.visibility[shown], expected[shown])
 
 
 @pytest.mark.parametrize("shared_at_once", [1, 2048])
