@@ -91,13 +91,6 @@ def test_no_subject_is_in_two_splits(sizes, seed, both):
     assert {name: again[name] - {Path("more.png")} for name in names} == taken
 
 
-def pairs_in(folder, scenes):
-    for number in range(scenes):
-        left, right = views(number)
-        save(folder / f"scene{number}", im0=left, im1=right)
-    return folder
-
-
 def test_both_views_of_image_sequences_are_in_one_split(tmp_path):
     for take in range(3):
         left, right = views(take)
@@ -110,7 +103,9 @@ def test_both_views_of_image_sequences_are_in_one_split(tmp_path):
 
 
 def test_one_subject_is_too_few_for_splits(tmp_path):
-    section = TexturesSection(source="images", images=(str(pairs_in(tmp_path, 1)),), patch_px=64)
+    left, right = views(0)
+    save(tmp_path, im0=left, im1=right)
+    section = TexturesSection(source="images", images=(str(tmp_path),), patch_px=64)
     message = "^too few photographs of different subjects to hold some out, 1 in all: 1 for validation"
     with pytest.raises(InputError, match=message):
         prepare_atlas(section, SplitsSection().split("validation", ("train", "validation"), 0))
