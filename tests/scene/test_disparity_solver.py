@@ -24,7 +24,6 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
 from semisynth_gl.scene.disparity_solver import poisson_counts
 from semisynth_gl.scene.particles import ParticleSizes, expected_cover
-from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
 
 CAMERA = StereoCamera.centred(600, 400, 700.0, 0.2)
@@ -210,22 +209,11 @@ def test_particles_show_their_fronts():
     assert layers.exceedance(edges, CAMERA, still, sizes, heights, 1.6)[0].tolist() == [0, 0, 0]
 
 
-def objects_in_view(sampler, scenes):
-    """Count the objects in the left view of each of the first scenes."""
-    for index in range(scenes):
-        scene = sampler.sample(index).scene
-        middle = scene.world_from_model[scene.model >= len(SURFACE_MODELS)]
-        scale = scene.camera.focal_px / middle[:, 2, 3]
-        reach = np.linalg.norm(middle[:, :3, :3], axis=1).max(axis=1) * scale
-        column = scene.camera.cx_left_px + middle[:, 0, 3] * scale
-        yield ((column > -reach) & (column < scene.camera.width_px + reach)).sum()
-
-
 @pytest.mark.parametrize(("density", "factor"), [("sparse", 1 / 3), ("dense", 3)])
 def test_density_shares_the_area_out_to_more_or_fewer(density, factor):
     plain, sampler = sampler_of(tiny()), sampler_of(tiny(particles={"density": density}))
-    number = np.mean([*objects_in_view(sampler, 20)])
-    assert number == pytest.approx(factor * np.mean([*objects_in_view(plain, 20)]), rel=0.2)
+    number = np.mean(particles_of(sampler, 20))
+    assert number == pytest.approx(factor * np.mean(particles_of(plain, 20)), rel=0.2)
     assert off_by(sampler) < 0.05
 
 
