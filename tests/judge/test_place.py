@@ -215,16 +215,11 @@ def test_both_views_of_a_pair_are_one_picture_of_a_place(dataset, tmp_path):
     assert {row.distance for row in said.rows} == {None}
 
 
-def row_of(key, dataset, place, recipes=({}, {})):
-    """The row of one measure: its values in the dataset and in the place."""
-    [row] = compare(*(gather({key: value} for value in values) for values in (dataset, place)), recipes)
-    return row
-
-
 @pytest.mark.parametrize(("factor", "alike"), [(1.0, True), (3.0, False), (-0.1, True)])
 def test_a_mix_of_extremes_with_the_mean_of_its_place_does_not_pass(factor, alike):
     theirs = np.linspace(-1, 1, 20)
-    row = row_of("gradient", 10 + factor * theirs, 10 + theirs)
+    dataset, place = (gather({"gradient": value} for value in values) for values in (10 + factor * theirs, 10 + theirs))
+    [row] = compare(dataset, place, ({}, {}))
     # Each quantile of one sample, and the same of the other.
     apart = abs(abs(factor) - 1) * np.abs(theirs).mean() / theirs.std(ddof=1)
     assert row.distance == pytest.approx(apart)

@@ -114,16 +114,12 @@ def case(scene, own=None, *, away_m=0.02, turn_rad=0.02, **bounds):
     moved[:, :3] = turns @ moved[:, :3]
     moved[:, :3, 3] = centre + rng.uniform(-away_m, away_m, (number, 3))
     moved[scene.sky] = scene.world_from_model[scene.sky]
-    swayed = posed(turned_by(turn_rad), (away_m / 2, -away_m / 3, away_m / 2)) @ scene.camera_from_world
+    turn = rotation_about_axis(np.array([[0.0, 0.8, 0.6]]), np.array([turn_rad]))[0]
+    swayed = posed(turn, (away_m / 2, -away_m / 3, away_m / 2)) @ scene.camera_from_world
     then = move(scene, world_from_model=moved, camera_from_world=swayed)
     back = scene.camera_from_world @ np.linalg.inv(swayed)
     before = move(scene, camera_from_world=back @ scene.camera_from_world)
     return Case(scene, models() if own is None else own, then, before, **bounds)
-
-
-def turned_by(angle_rad):
-    """A turn about an axis near the vertical."""
-    return rotation_about_axis(np.array([[0.0, 0.8, 0.6]]), np.array([angle_rad]))[0]
 
 
 def of(camera, instances, **options):
