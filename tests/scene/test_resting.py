@@ -74,7 +74,7 @@ def test_particles_at_rest_were_let_down_and_the_others_fall_as_before(kind):
     assert np.median(sunk) > 0
 
 
-def test_they_stay_whatever_frame_is_sampled_first():
+def test_particles_at_rest_stay_whatever_frame_is_sampled_first():
     options = "particles.resting=0.6", *GROUND, *MOVING
     sampler, other = sampler_of(*options), sampler_of.__wrapped__(*options)
     forwards = [sampler.sample(index) for index in range(6)]

@@ -90,7 +90,7 @@ SMALL = patches()
 LARGE = tuple(Patch("l", 0, 0, 1024, 5 + k, 1, 9.0, large=True) for k in range(2))
 
 
-def test_walls_wear_them_and_no_patch_repeats_across_the_view():
+def test_walls_wear_large_patches_and_none_repeats_across_the_view():
     config = load_config("middlebury", ["textures.large_px=1024", "structures.panels=3", "models.complex=0"])
     sampled = sampler_of(config, atlas_patches=(*SMALL, *LARGE)).sample(0)
     still = sampled.scene.model < len(SURFACE_MODELS)
