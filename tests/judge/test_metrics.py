@@ -34,7 +34,7 @@ def sums_of(prediction, truth, protocol, mask=None, **known):
         # inf is bad, -inf and 500 are clipped to 0 and 40; nan is never bad.
         ("middlebury", [INF, -INF, 500, 10, 3], [10, 10, 10, 10, INF], 40,
          {"invalid": 25, "coverage": 75, "bad-4": 75, "D1-all": 75, "D1-est": 200 / 3, "avgerr": 40 / 3}),
-        ("middlebury", [NAN, 10, 3], [10, 10, INF], None, {"avgerr": NAN, "rms": NAN, "bad-0.5": 0, "invalid": 0}),
+        ("middlebury", [NAN, 10, 3], [10, 10, INF], None, {"avgerr": NAN, "A50": NAN, "bad-0.5": 0, "invalid": 0}),
         ("middlebury", [INF, INF], [1, 2], None, {"bad-4": 100, "invalid": 100, "avgerr": NAN, "A50": NAN}),
         # What is larger than the width, 8 px, is left out.
         ("eth3d", [INF, NAN, 8.5, -8.5, -8, 8, 1, 1], [2] * 6 + [-INF, NAN], None,
