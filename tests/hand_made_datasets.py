@@ -11,7 +11,7 @@ from semisynth_gl.dataset.root import open_root
 from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
-from semisynth_gl.geometry.relief import MeanRelief
+from semisynth_gl.geometry.relief import MeanModelRelief
 from semisynth_gl.scene.sources import SceneSources
 from semisynth_gl.textures.atlas import atlas_from_arrays
 
@@ -22,7 +22,7 @@ def sources_of(plan, level=0):
     """One model, and two patches of one grey level."""
     mesh = make_mesh("solid", np.eye(3, dtype=np.float32), np.zeros((3, 2), np.float32), np.array([[0, 1, 2]]))
     atlas = atlas_from_arrays([np.full((4, 4, 3), level, np.uint8)] * 2, ["a.png", "b.png"])
-    library = ModelLibrary((mesh,), np.arange(1), np.ones(1), MeanRelief(0.5, np.zeros(16)), (), 0)
+    library = ModelLibrary((mesh,), np.arange(1), np.ones(1), MeanModelRelief(0.5, np.zeros(16)), (), 0)
     return {split: SceneSources(atlas, (library,)) for split in plan.splits}
 
 

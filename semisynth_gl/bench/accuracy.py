@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
+from semisynth_gl.bench.scenes import BenchScenes, TruthAtPixels, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts
 from semisynth_gl.config import Config
 from semisynth_gl.inputs.errors import counted
@@ -32,7 +32,7 @@ def measure(
     return {**scene_facts(bench, seed, truths), "machine": machine_facts() | driver, "disparity": error}
 
 
-def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[SampledTruth]) -> dict[str, Any]:
+def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[TruthAtPixels]) -> dict[str, Any]:
     """Describe the measured scenes: config, seed, sizes (width, height), and numbers of pixels.
 
     "pixels_left_out" is the number of sampled pixels that were not compared.

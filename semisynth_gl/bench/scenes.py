@@ -43,7 +43,7 @@ class BenchScenes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SampledTruth:
+class TruthAtPixels:
     """The oracle's disparity at N pixels of one eye of a scene of `BenchScenes`; inf if the ray hits nothing.
 
     ``scene`` is the scene's index, and ``dropped`` the number of sampled pixels that are left out.
@@ -64,7 +64,7 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
     return BenchScenes(config, sources, sampler.models, [sampler.sample(index).scene for index in range(pairs)])
 
 
-def cast_truth(bench: BenchScenes, rays: int, rng: np.random.Generator) -> list[SampledTruth]:
+def cast_truth(bench: BenchScenes, rays: int, rng: np.random.Generator) -> list[TruthAtPixels]:
     """Return the oracle's disparity at ``rays`` random pixels, for the left and then the right eye of each scene.
 
     Pixels within 1/16 px of a different triangle are left out. The rays alone decide that, so a surface that the
@@ -85,5 +85,5 @@ def cast_truth(bench: BenchScenes, rays: int, rng: np.random.Generator) -> list[
                 kept &= (there.reshape(4, rays) == here).all(axis=0)
             signed = bench.config.disparity.signed
             truth = oracle.disparity_of(eye, oracle.correspondence_px(scene.camera, eye, x, y, hits, signed=signed))
-            truths.append(SampledTruth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
+            truths.append(TruthAtPixels(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
     return truths

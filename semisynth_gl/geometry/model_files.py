@@ -19,7 +19,7 @@ from trimesh.resolvers import FilePathResolver
 
 from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_units import Surface, join_surfaces
-from semisynth_gl.inputs.errors import InputError, Skipped, cut, described
+from semisynth_gl.inputs.errors import InputError, SkippedFile, cut, described
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, files_below
 
 # Maximum size of a model's file, unpacked, and of all files that it refers to.
@@ -37,14 +37,14 @@ _NOT_READ = ("fbx", "usd", "usda", "usdc", "usdz", "blend", "3ds", "max")
 _ENDINGS = tuple(f".{suffix}" for suffix in (*_FORMATS, *_NOT_READ))
 
 
-def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
+def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[SkippedFile]]:
     """Read all models in folders and their subfolders, in the order of the folders and of the paths in each folder.
 
     Each file becomes one model, see `make_model`. Files in formats that are not models are ignored. Returns the models,
     named by their paths relative to the folder, and the unusable files with reasons. Raises InputError if a folder does
     not exist, or no file has a usable model.
     """
-    meshes, skipped = list[Mesh](), list[Skipped]()
+    meshes, skipped = list[Mesh](), list[SkippedFile]()
     for folder in folders:
         if not folder.is_dir():
             found = "is a file" if folder.exists() else "does not exist"
@@ -55,7 +55,7 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
             try:
                 meshes.append(join_surfaces(path.relative_to(folder).as_posix(), read_surfaces(path)))
             except InputError as error:
-                skipped.append(Skipped(path, error.text))
+                skipped.append(SkippedFile(path, error.text))
     if not meshes:
         where = ", ".join(str(folder) for folder in folders)
         reasons = "".join(f"\n  {broken}" for broken in skipped)

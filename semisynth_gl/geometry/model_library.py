@@ -14,9 +14,9 @@ from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_units import make_model
-from semisynth_gl.geometry.relief import MeanRelief, mean_relief
+from semisynth_gl.geometry.relief import MeanModelRelief, mean_relief
 from semisynth_gl.geometry.topology import marked_solid
-from semisynth_gl.inputs.errors import InputError, Skipped
+from semisynth_gl.inputs.errors import InputError, SkippedFile
 from semisynth_gl.inputs.user_files import expanded, files_below
 from semisynth_gl.plugins import find_plugin
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -46,8 +46,8 @@ class ModelLibrary:
     models: tuple[Mesh, ...]
     sampled: NDArray[np.int64]
     chances: Floats
-    relief: MeanRelief
-    skipped: tuple[Skipped, ...]
+    relief: MeanModelRelief
+    skipped: tuple[SkippedFile, ...]
     user_count: int
 
 
@@ -142,14 +142,14 @@ def _unpacked(entry: CacheEntry) -> ModelLibrary:
         tuple(Mesh(name, positions, uv, triangles, solid) for (name, solid), positions, uv, triangles in meshes),
         np.arange(len(values["models"])),
         arrays["chances"],
-        MeanRelief(values["fill"], arrays["heights"]),
-        tuple(Skipped(Path(path), reason) for path, reason in values["skipped"]),
+        MeanModelRelief(values["fill"], arrays["heights"]),
+        tuple(SkippedFile(Path(path), reason) for path, reason in values["skipped"]),
         values["user_count"],
     )
 
 
 def _build(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
-    user, skipped = list[Mesh](), list[Skipped]()
+    user, skipped = list[Mesh](), list[SkippedFile]()
     if section.folders:
         from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415 - trimesh is slow to load
 

@@ -21,7 +21,7 @@ _CELLS, _QUANTILES = 32, 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeanRelief:
+class MeanModelRelief:
     """A mean over models, directions and scales. The unit is the radius of the bounding sphere before stretching.
 
     Attributes:
@@ -36,7 +36,7 @@ class MeanRelief:
 
 def mean_relief(
     models: Sequence[Mesh], chances: Floats, section: ParticlesSection, rng: np.random.Generator
-) -> MeanRelief:
+) -> MeanModelRelief:
     """Average over M models with chances (M,), sum 1, over random directions, and over the scales of ``section``.
 
     Raises InputError if the models are too thin to cover anything.
@@ -63,7 +63,7 @@ def mean_relief(
     below = np.cumsum(weight[order])
     wanted = (np.arange(_QUANTILES) + 0.5) / _QUANTILES * below[-1]
     # Rounded, since sums differ between machines, but digests of models must not.
-    return MeanRelief(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
+    return MeanModelRelief(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
 
 
 def sample_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> Floats:

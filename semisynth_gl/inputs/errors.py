@@ -36,7 +36,7 @@ class InputError(SemisynthError):
 
 
 class ReadError(SemisynthError):
-    """A file is missing, cut off, or not what its name says; the reason is a clause, as in `Skipped`."""
+    """A file is missing, cut off, or not what its name says; the reason is a clause, as in `SkippedFile`."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")
@@ -60,7 +60,7 @@ class WorkerError(SemisynthError):
 
 
 @dataclass(frozen=True, slots=True)
-class Skipped:
+class SkippedFile:
     """A file that was skipped, and a clause that says why, such as ``"has no triangles"``."""
 
     path: Path

@@ -2,9 +2,17 @@
 
 from semisynth_gl.judge.comparison import MeasuredPair, Row
 from semisynth_gl.judge.measures import MEASURES, Measure
-from semisynth_gl.judge.place import MeasuredPlace
+from semisynth_gl.judge.place import ReferenceMeasures
 from semisynth_gl.judge.protocol import PROTOCOLS, Protocol, ProtocolName, Truth
 
 __all__ = [
-    "MEASURES", "PROTOCOLS", "Measure", "MeasuredPair", "MeasuredPlace", "Protocol", "ProtocolName", "Row", "Truth",
+    "MEASURES",
+    "PROTOCOLS",
+    "Measure",
+    "MeasuredPair",
+    "Protocol",
+    "ProtocolName",
+    "ReferenceMeasures",
+    "Row",
+    "Truth",
 ]  # fmt: skip

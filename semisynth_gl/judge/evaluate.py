@@ -14,7 +14,7 @@ from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.protocol import PixelComparison, ProtocolName, find_protocol, shown_size
 from semisynth_gl.judge.score import Sums, figures, mean_figures, tally
-from semisynth_gl.judge.truth import TruePair, disparity_maps, find_predictions, find_truth
+from semisynth_gl.judge.truth import PairTruth, disparity_maps, find_predictions, find_truth
 from semisynth_gl.seeds.splits import SplitName
 
 CONFIRMED_PX = 1.0
@@ -40,7 +40,7 @@ def evaluate(
     *,
     split: SplitName | None = None,
     maps: str | PathLike[str] | None = None,
-    progress: Callable[[Sequence[TruePair]], Iterable[TruePair]] = iter,
+    progress: Callable[[Sequence[PairTruth]], Iterable[PairTruth]] = iter,
 ) -> dict[str, Any]:
     """Evaluate a folder of predictions, as ``semisynth-gl evaluate`` does.
 

@@ -20,7 +20,7 @@ from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeasuredPlace:
+class ReferenceMeasures:
     """The measures of a place.
 
     Attributes:
@@ -73,7 +73,7 @@ def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np
 
 def measure_place(
     photographs: Sequence[Path], maps: Sequence[Path], width_px: int, png_scale: float = KITTI_DISPARITY.steps
-) -> MeasuredPlace:
+) -> ReferenceMeasures:
     """Measure a place's photographs and its disparity maps, true or predicted, at the working width ``width_px``.
 
     ``png_scale`` is that of `read_map`.
@@ -108,4 +108,4 @@ def measure_place(
     of_images, of_maps = gather(subjects), gather(map(measure_view, mapped))
     values = {each.key: (of_images if each.of_images else of_maps)[each.key] for each in MEASURES}
     photographed = f"{counted(measured, 'photograph')}{of_subjects(measured, len(subjects))}"
-    return MeasuredPlace(values, f"{photographed}, {counted(len(maps), 'disparity map')}", notes)
+    return ReferenceMeasures(values, f"{photographed}, {counted(len(maps), 'disparity map')}", notes)

@@ -20,7 +20,7 @@ from semisynth_gl.judge.comparison import MeasuredPair, Row, compare, find_outli
 from semisynth_gl.judge.measured_view import make_view, working_width
 from semisynth_gl.judge.measures import measure_view
 from semisynth_gl.judge.pictures import MASKS, embed_pair
-from semisynth_gl.judge.place import MeasuredPlace, map_files, measure_place
+from semisynth_gl.judge.place import ReferenceMeasures, map_files, measure_place
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.seeds import spread
 from semisynth_gl.textures.image_files import find_images
@@ -49,7 +49,7 @@ class Report:
     width_px: int
     disparity: Histogram | None
     rows: Sequence[Row]
-    place: MeasuredPlace | None
+    place: ReferenceMeasures | None
 
     def values(self) -> dict[str, Any]:
         """Return the measures in JSON's types."""

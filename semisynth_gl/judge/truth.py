@@ -32,8 +32,8 @@ _PROTOCOLS: dict[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
 _LARGEST_CALIB = 1 << 16
 
 
-class TruePair(NamedTuple):
-    """A pair with its truth.
+class PairTruth(NamedTuple):
+    """The truth of a pair, which is read on demand.
 
     ``name`` is unique in the set, and ``source`` is the truth's file. A prediction may have any of the ``keys`` as its
     name, see `find_predictions`. ``read()`` reads the truth; it raises ReadError if a file cannot be read.
@@ -45,15 +45,15 @@ class TruePair(NamedTuple):
     read: Callable[[], Truth]
 
 
-class TrueSet(NamedTuple):
-    """The pairs of a set, the benchmark whose layout the set has, and levels per px of predictions in 16-bit PNG."""
+class TruthSet(NamedTuple):
+    """The truths of a set's pairs, the benchmark whose layout the set has, and levels per px of 16-bit predictions."""
 
-    pairs: Sequence[TruePair]
+    pairs: Sequence[PairTruth]
     protocol: ProtocolName = "middlebury"
     png_scale: float = KITTI_DISPARITY.steps
 
 
-def find_truth(address: str, split: SplitName | None = None) -> TrueSet:
+def find_truth(address: str, split: SplitName | None = None) -> TruthSet:
     """Find the true disparities of a set.
 
     Args:
@@ -81,7 +81,7 @@ def find_truth(address: str, split: SplitName | None = None) -> TrueSet:
     return found
 
 
-def find_predictions(folder: Path, pairs: Sequence[TruePair]) -> list[Path]:
+def find_predictions(folder: Path, pairs: Sequence[PairTruth]) -> list[Path]:
     """Return the file of the prediction for each pair.
 
     A prediction's path in the folder is one of the pair's keys (the first for which a file exists), with the extension
@@ -131,7 +131,7 @@ def _files(folder: Path, pattern: str) -> list[Path]:
     return [folder / name for name in sorted(glob(f"**/{pattern}", root_dir=folder, recursive=True))]  # noqa: PTH207
 
 
-def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
+def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TruthSet:
     root, plan = dataset.about.root, dataset.about.plan
     pairs = []
     for place in range(len(dataset)):
@@ -139,10 +139,10 @@ def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
         scene, path = plan.key(split, number).name, plan.files(split, number)["disparity_left"]
         name = scene if only_split or len(plan.pairs) == 1 else f"{split}/{scene}"
         keys = [f"{split}/{scene}", scene, *_keys(PurePosixPath(path))]
-        pairs.append(TruePair(name, str(shown_path(root, path)), keys, partial(_read_pair, dataset, place)))
+        pairs.append(PairTruth(name, str(shown_path(root, path)), keys, partial(_read_pair, dataset, place)))
     codec = plan.encodings.disparity
     png_scale = codec.steps if isinstance(codec, DisparityPng16) else KITTI_DISPARITY.steps
-    return TrueSet(pairs, _PROTOCOLS.get(plan.layout_name, "middlebury"), png_scale)
+    return TruthSet(pairs, _PROTOCOLS.get(plan.layout_name, "middlebury"), png_scale)
 
 
 def _read_pair(dataset: Dataset, place: int) -> Truth:
@@ -156,20 +156,20 @@ def _read_pair(dataset: Dataset, place: int) -> Truth:
     return Truth(left.disparity, visible, objects, ndisp, signed=index.plan.encodings.signed)
 
 
-def _folder_truth(folder: Path) -> TrueSet:
-    def pairs(paths: Sequence[Path], read: Callable[[Path], Truth]) -> list[TruePair]:
+def _folder_truth(folder: Path) -> TruthSet:
+    def pairs(paths: Sequence[Path], read: Callable[[Path], Truth]) -> list[PairTruth]:
         keys = [_keys(path.absolute()) for path in paths]
-        return [TruePair(own[-1], str(path), own, partial(read, path)) for path, own in zip(paths, keys, strict=True)]
+        return [PairTruth(own[-1], str(path), own, partial(read, path)) for path, own in zip(paths, keys, strict=True)]
 
     for root in (folder, folder / "training"):
         if paths := sorted((root / _OCC).glob("*.png")):
-            return TrueSet(pairs(paths, _read_kitti), "kitti")
+            return TruthSet(pairs(paths, _read_kitti), "kitti")
     for name in _SCENE_TRUTHS:
         if paths := _files(folder, name):
             eth3d = any("two_view_training_gt" in path.absolute().parts for path in paths)
-            return TrueSet(pairs(paths, _read_scene), "eth3d" if eth3d else "middlebury")
+            return TruthSet(pairs(paths, _read_scene), "eth3d" if eth3d else "middlebury")
     maps = [path for path in disparity_maps(folder, "truth") if path.parent == folder]
-    return TrueSet(pairs(maps, lambda path: Truth(read_disparity_map(path))))
+    return TruthSet(pairs(maps, lambda path: Truth(read_disparity_map(path))))
 
 
 def _read_kitti(path: Path) -> Truth:

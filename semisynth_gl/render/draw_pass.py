@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.frame.channels import ViewArrays
-from semisynth_gl.render.edges import EdgePass
+from semisynth_gl.render.edges import EdgeBlendPass
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import InstanceRange
 from semisynth_gl.render.occlusion import OcclusionCuller
 from semisynth_gl.render.options import OF_BOTH_VIEWS
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
-from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_pool import COLOUR, DrawnPair, TargetPool
 from semisynth_gl.render.targets import EyeTargets, window
 from semisynth_gl.scene.scene import Scene
@@ -27,17 +27,17 @@ from semisynth_gl.scene.scene import Scene
 class DrawPass:
     """Draws both eyes' views; raises BackendError where the driver refuses a program."""
 
-    def __init__(self, state: RenderState) -> None:
-        self._state, self._options = state, state.options
-        self._gl = state.context.gl
-        self._occlusion = OcclusionCuller(state) if state.context.software else None
-        self._light = None if state.pattern is None else ProjectorLight(state, state.pattern)
+    def __init__(self, resources: RenderResources) -> None:
+        self._resources, self._options = resources, resources.options
+        self._gl = resources.context.gl
+        self._occlusion = OcclusionCuller(resources) if resources.context.software else None
+        self._light = None if resources.pattern is None else ProjectorLight(resources, resources.pattern)
         self._attachments = {eye: self._options.attachments(eye) for eye in EYES}
         # Programs by attachments, anisotropy, and whether a projector lights what they draw.
         self._linked: dict[tuple[tuple[str, ...], int, bool], moderngl.Program] = {}
         for names in (*self._attachments.values(), *([COLOUR] if self._options.factor > 1 else [])):
             self._programs(names)
-        self._edges = EdgePass(state, self._occlusion) if self._options.outlines else None
+        self._edges = EdgeBlendPass(resources, self._occlusion) if self._options.outlines else None
 
     def draw(
         self, transforms: Sequence[InstanceTransforms], crop: Crop | None, pool: TargetPool
@@ -91,12 +91,16 @@ class DrawPass:
 
     @cached_property
     def _disparity_pass(self) -> moderngl.VertexArray:
-        return self._gl.vertex_array(link_program(self._state.context, "whole_image.vert", "disparity.frag", {}), [])
+        return self._gl.vertex_array(
+            link_program(self._resources.context, "whole_image.vert", "disparity.frag", {}), []
+        )
 
     @cached_property
     def _mean_pass(self) -> moderngl.VertexArray:
         defines = {"FACTOR": self._options.factor}
-        return self._gl.vertex_array(link_program(self._state.context, "whole_image.vert", "resolve.frag", defines), [])
+        return self._gl.vertex_array(
+            link_program(self._resources.context, "whole_image.vert", "resolve.frag", defines), []
+        )
 
     def _draw_disparity(self, scene: Scene, targets: EyeTargets, part: Crop | None) -> None:
         """Compute the disparity of a shared left view, or a part of it, for the scene's camera.
@@ -104,7 +108,7 @@ class DrawPass:
         The drawing pass uses the same formula of 1 / Z, so the result is the same bit for bit.
         """
         assert targets.disparity is not None  # noqa: S101 - the targets are made with 1 / Z
-        self._state.constants.write(scene, "left")
+        self._resources.constants.write(scene, "left")
         targets.bind(inverse_depth=0)
         targets.disparity.limit(part)
         targets.disparity.framebuffer.use()
@@ -113,21 +117,21 @@ class DrawPass:
 
     def _programs(self, names: tuple[str, ...], *, lit: bool = False) -> list[moderngl.Program]:
         """Return the programs that draw to given attachments, one for each atlas; link programs that are missing."""
-        for anisotropy in self._state.anisotropies:
+        for anisotropy in self._resources.anisotropies:
             if (names, anisotropy, lit) not in self._linked:
                 self._linked[names, anisotropy, lit] = self._link(names, anisotropy, lit=lit)
-        return [self._linked[names, anisotropy, lit] for anisotropy in self._state.anisotropies]
+        return [self._linked[names, anisotropy, lit] for anisotropy in self._resources.anisotropies]
 
     def _link(self, names: tuple[str, ...], anisotropy: int, *, lit: bool) -> moderngl.Program:
         defines = {name.upper(): number for number, name in enumerate(names)}
-        if self._state.patches.grey and "colour" in names:
+        if self._resources.patches.grey and "colour" in names:
             defines["GREY"] = 1
         if lit:
             defines["LIT"] = 1
         anisotropic = anisotropy > 1 and "colour" in names
         if anisotropic:
             defines["ANISOTROPIC"] = 1
-        program = link_meshes(self._state.context, defines)
+        program = link_meshes(self._resources.context, defines)
         if anisotropic:
             program["most_samples"] = float(anisotropy)
         return program
@@ -165,12 +169,12 @@ class DrawPass:
 
     def _draw_view(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None, targets: EyeTargets) -> None:
         """Draw a part of one eye's view, or all of it, with one sample a pixel."""
-        filled = self._state.models.fill(transforms, eye, part)
+        filled = self._resources.models.fill(transforms, eye, part)
         seen: Sequence[InstanceRange] = filled
-        self._state.constants.write(transforms.scene, eye)
+        self._resources.constants.write(transforms.scene, eye)
         targets.limit(part)
         if ViewArrays.normals.name in targets.names:
-            self._state.models.bind_triangles(transforms, eye)
+            self._resources.models.bind_triangles(transforms, eye)
         if self._occlusion is not None:
             seen = self._occlusion.without_hidden(transforms, eye, part, targets, filled)
         targets.clear(depth=seen is filled)
@@ -190,8 +194,8 @@ class DrawPass:
         fine = pool.drawn("fine", COLOUR, factor)
         mean = pool.computed("mean", fine.attachments)
         # Draw hidden instances, too: what is hidden at the centres of pixels may be visible between them.
-        filled = self._state.models.fill(transforms, eye, crop)
-        self._state.constants.write(transforms.scene, eye)
+        filled = self._resources.models.fill(transforms, eye, crop)
+        self._resources.constants.write(transforms.scene, eye)
         fine.limit(None if crop is None else Crop(*(factor * each for each in window(crop, pool.size))))
         fine.clear()
         self._draw_models(fine, filled, transforms.scene, eye)
@@ -212,5 +216,5 @@ class DrawPass:
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         for part in filled:
-            self._state.patches.use(part.atlas)
-            self._state.models.draw(programs[part.atlas], part)
+            self._resources.patches.use(part.atlas)
+            self._resources.models.draw(programs[part.atlas], part)

@@ -10,7 +10,7 @@ from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.outlines import OutlineFinder
 from semisynth_gl.render.programs import link_program
-from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.targets import EyeTargets, window
 
 PATCHED_INSTANCE = np.dtype([
@@ -28,17 +28,17 @@ _DRAWN, _FARTHEST = 4, 5
 _NOTHING_HIDDEN = np.zeros((1, 1, 1, 1), np.float32)
 
 
-class EdgePass:
+class EdgeBlendPass:
     """Blends along the outlines of one eye's image; see edges.geom and edges.frag."""
 
-    def __init__(self, state: RenderState, hidden: occlusion.OcclusionCuller | None) -> None:
-        context, models, self._patches = state.context, state.models, state.patches
+    def __init__(self, resources: RenderResources, hidden: occlusion.OcclusionCuller | None) -> None:
+        context, models, self._patches = resources.context, resources.models, resources.patches
         gl = context.gl
         self._gl, self._vertices, self._occlusion = gl, models.vertices, hidden
-        self._anisotropies = np.array(state.anisotropies)
+        self._anisotropies = np.array(resources.anisotropies)
         self._outlines = OutlineFinder(models.meshes, models.vertex_number)
         defines = {"LARGE": 1} if len(self._patches.ends) > 1 else {}
-        lights: dict[bool, dict[str, int]] = {False: {}} if state.pattern is None else {False: {}, True: {"LIT": 1}}
+        lights: dict[bool, dict[str, int]] = {False: {}} if resources.pattern is None else {False: {}, True: {"LIT": 1}}
         self._programs = {
             lit: link_program(context, "edges.vert", "edges.frag", defines | light, "edges.geom")
             for lit, light in lights.items()

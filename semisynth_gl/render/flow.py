@@ -11,7 +11,7 @@ from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.render.instance_transforms import InstanceTransforms, TransformComposer
 from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.programs import link_meshes
-from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_pool import DrawnPair
 from semisynth_gl.render.targets import FLOW, Targets
 from semisynth_gl.render.work_list_steps import WorkListSteps
@@ -63,8 +63,8 @@ def place_moved(
 class FlowPass:
     """Draws depth and surfaces of the target moment, and compares them with the pair's in two steps; see flow.comp."""
 
-    def __init__(self, state: RenderState) -> None:
-        self._state, context = state, state.context
+    def __init__(self, resources: RenderResources) -> None:
+        self._resources, context = resources, resources.context
         self._draw_program = link_meshes(context, {"DEPTH": 0, "SURFACE": 1})
         # Tiles are single pixels, and there is one list of them.
         self._steps = WorkListSteps(context, "flow.comp", 2, tile_px=1, entries=1)
@@ -76,7 +76,7 @@ class FlowPass:
         Returns the targets of `FLOW`, which the next call overwrites.
         """
         drawn, targets = pair.pool.drawn("then", ("depth", "surface")), pair.pool.computed("flow", FLOW)
-        context, models, constants = self._state.context, self._state.models, self._state.constants
+        context, models, constants = self._resources.context, self._resources.models, self._resources.constants
         scene = pair.transforms.scene
         filled = models.fill(then, eye)
         context.gl.enable_only(moderngl.DEPTH_TEST)

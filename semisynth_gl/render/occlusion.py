@@ -17,7 +17,7 @@ from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import InstanceRange
 from semisynth_gl.render.programs import link_program
-from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.targets import EyeTargets, window
 
 # Minimum number of triangles in view: with fewer triangles, the search for hidden triangles does not pay.
@@ -52,9 +52,9 @@ class _TriangleRuns:
 class OcclusionCuller:
     """Finds hidden instances and triangles."""
 
-    def __init__(self, state: RenderState) -> None:
-        context, models = state.context, state.models.meshes
-        self._gl, self._functions, self._models = context.gl, context.functions, state.models
+    def __init__(self, resources: RenderResources) -> None:
+        context, models = resources.context, resources.models.meshes
+        self._gl, self._functions, self._models = context.gl, context.functions, resources.models
         self._triangles = np.array([len(mesh.triangles) for mesh in models])
         self._corners = np.stack([_corners(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models])
         self._program = link_program(context, "mesh.vert", "mesh.frag", {})

@@ -4,7 +4,7 @@ import numpy as np
 
 from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
 from semisynth_gl.frame.channels import VISIBLE
-from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_pool import DrawnPair
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY, Targets
 from semisynth_gl.render.work_list_steps import WorkListSteps
@@ -17,9 +17,9 @@ _ENTRIES = 2 + _TILE_PX**2
 class VisibilityPass:
     """Marks the pixels of one eye's image that the other eye sees too, in four compute steps; see visibility.comp."""
 
-    def __init__(self, state: RenderState) -> None:
-        self._state = state
-        self._steps = WorkListSteps(state.context, "visibility.comp", 4, _TILE_PX, _ENTRIES)
+    def __init__(self, resources: RenderResources) -> None:
+        self._resources = resources
+        self._steps = WorkListSteps(resources.context, "visibility.comp", 4, _TILE_PX, _ENTRIES)
 
     def draw(self, pair: DrawnPair, eye: Eye) -> None:
         """Fill the targets of one eye's visibility, or a crop of them, from both eyes' disparities and surfaces."""
@@ -28,20 +28,20 @@ class VisibilityPass:
         targets.bind_to_images(visibility=0)
         pair.eyes[eye].bind(disparity=0, surface=2)
         pair.eyes[other].bind(disparity=1, surface=3)
-        self._state.models.bind_triangles(pair.transforms, other)
-        self._state.constants.write(pair.transforms.scene, other)
+        self._resources.models.bind_triangles(pair.transforms, other)
+        self._resources.constants.write(pair.transforms.scene, other)
         targets.framebuffer.use()
-        self._state.context.functions.clear_unsigned(0, VISIBLE)
+        self._resources.context.functions.clear_unsigned(0, VISIBLE)
         self._steps.run(pair.area)
 
 
 class CorrespondencePass:
     """Computes where the other eye sees the points that one eye sees, even if right cameras deviate; see flow.comp."""
 
-    def __init__(self, state: RenderState) -> None:
-        self._state = state
+    def __init__(self, resources: RenderResources) -> None:
+        self._resources = resources
         # Tiles are single pixels, and there is one list of them.
-        self._steps = WorkListSteps(state.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
+        self._steps = WorkListSteps(resources.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
 
     def draw(self, pair: DrawnPair, eye: Eye) -> Targets:
         """Compute the correspondences of one eye's view; return the targets of `CORRESPONDENCE`.
@@ -56,11 +56,11 @@ class CorrespondencePass:
         own_lens, lens = np.array(camera.lens_px(eye)), np.array(camera.lens_px(other))
         self._steps.set("own_lens", tuple(own_lens))
         self._steps.set("lens_change", tuple(lens - own_lens))
-        self._state.models.bind_triangles(pair.transforms, other)
+        self._resources.models.bind_triangles(pair.transforms, other)
         pair.eyes[eye].bind(depth=0, surface=1, disparity=6)
         pair.eyes[other].bind(depth=2, surface=3)
         targets.bind_to_images(correspondence=0, disparity=1, visibility=2)
-        self._state.constants.write(scene, other)
+        self._resources.constants.write(scene, other)
         self._steps.run(pair.area)
         return targets
 

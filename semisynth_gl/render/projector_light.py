@@ -10,7 +10,7 @@ from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.inputs.arguments import LEAST
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Projector
 
@@ -39,12 +39,12 @@ class ProjectorLight:
     size.
     """
 
-    def __init__(self, state: RenderState, pattern: NDArray[np.uint8]) -> None:
+    def __init__(self, resources: RenderResources, pattern: NDArray[np.uint8]) -> None:
         if not (isinstance(pattern, np.ndarray) and pattern.ndim == 2 and pattern.dtype == np.uint8 and pattern.size):
             raise InputError(f"pattern must be (H, W) uint8, got {np.shape(pattern)} {getattr(pattern, 'dtype', '')}")
-        gl = state.context.gl
+        gl = resources.context.gl
         self._size = pattern.shape[1], pattern.shape[0]
-        self._targets = EyeTargets(state.context, self._size, ("depth",))
+        self._targets = EyeTargets(resources.context, self._size, ("depth",))
         self._pattern = gl.texture(self._size, 1, np.ascontiguousarray(pattern), alignment=1)
         self._pattern.repeat_x = self._pattern.repeat_y = False
         self._buffer = gl.buffer(reserve=PROJECTOR.itemsize, dynamic=True)

@@ -8,7 +8,7 @@ from semisynth_gl.render.flow import FlowPass, place_moved
 from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.options import attachment_of
 from semisynth_gl.render.other_eye import CorrespondencePass, VisibilityPass
-from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_pool import DrawnPair
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY
 from semisynth_gl.scene.scene import Motion
@@ -17,12 +17,12 @@ from semisynth_gl.scene.scene import Motion
 class ReadbackPass:
     """Runs the visibility, correspondence and flow passes, and reads the channels of a pair."""
 
-    def __init__(self, state: RenderState, composer: TransformComposer) -> None:
-        options = state.options
+    def __init__(self, resources: RenderResources, composer: TransformComposer) -> None:
+        options = resources.options
         self._composer, self._options = composer, options
-        self._visibility = VisibilityPass(state) if options.visibility else None
-        self._correspondence = CorrespondencePass(state) if options.corresponds else None
-        self._flow = FlowPass(state) if options.flow else None
+        self._visibility = VisibilityPass(resources) if options.visibility else None
+        self._correspondence = CorrespondencePass(resources) if options.corresponds else None
+        self._flow = FlowPass(resources) if options.flow else None
 
     def find_visibility(self, pair: DrawnPair) -> None:
         """Run the visibility pass on a rectified pair; for others, `read` computes visibility by correspondences."""

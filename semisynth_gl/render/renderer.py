@@ -32,7 +32,7 @@ from semisynth_gl.render.options import OF_BOTH_VIEWS, RenderOptions
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readback_pass import ReadbackPass
 from semisynth_gl.render.readers import PixelReader, read_array
-from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_pool import TargetPool
 from semisynth_gl.scene.scene import Motion, Scene
 
@@ -119,12 +119,12 @@ class Renderer:
                 buffers = SceneBuffers(self._gl, models, patches.ends, traced=self._options.reads_triangles)
                 anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
                 constants = ConstantsBuffer(self._gl, signed=signed)
-                self._state = RenderState(
+                self._resources = RenderResources(
                     self._context, buffers, patches, anisotropies, constants, self._options, read, pattern
                 )
                 self._pools: dict[tuple[int, int], TargetPool] = {}  # by image size, the latest last
-                self._drawing = DrawPass(self._state)
-                self._reading = ReadbackPass(self._state, self._composer)
+                self._drawing = DrawPass(self._resources)
+                self._reading = ReadbackPass(self._resources, self._composer)
                 reported = self._gl.error
         except BaseException:
             self._context.release()
@@ -281,7 +281,7 @@ class Renderer:
     def _pool_of(self, camera: StereoCamera) -> TargetPool:
         """Return the targets of a camera's image size; the targets of the latest sizes are cached."""
         size, cached = (camera.width_px, camera.height_px), self._pools
-        cached[size] = cached.pop(size) if size in cached else TargetPool(self._state, size)
+        cached[size] = cached.pop(size) if size in cached else TargetPool(self._resources, size)
         if len(cached) > _MOST_SIZES:
             # moderngl binds the framebuffer in use again after it makes a new one, so release none that is in use.
             self._gl.screen.use()
@@ -331,9 +331,12 @@ class Renderer:
             raise InputError(
                 f"scene: its right camera deviates ({scene.camera.deviation}), which needs Renderer(rectified=False)"
             )
-        if scene.projector is not None and self._state.pattern is None:
+        if scene.projector is not None and self._resources.pattern is None:
             raise InputError("its projector has a pattern, which needs Renderer(pattern=...)", argument="scene")
-        ranges = (("model", scene.model, len(self._state.models)), ("layer", scene.layer, len(self._state.patches)))
+        ranges = (
+            ("model", scene.model, len(self._resources.models)),
+            ("layer", scene.layer, len(self._resources.patches)),
+        )
         for name, index, count in ranges:
             if len(index) and (int(index.min()) < 0 or int(index.max()) >= count):
                 raise InputError(

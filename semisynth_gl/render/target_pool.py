@@ -5,7 +5,7 @@ from typing import Any
 
 from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.state import RenderState
+from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.targets import Attachment, EyeTargets, Targets
 
 COLOUR = ("colour",)
@@ -18,25 +18,25 @@ class TargetPool:
     Both methods raise BackendError if the driver refuses the ``size``, width and height in px.
     """
 
-    def __init__(self, state: RenderState, size: tuple[int, int]) -> None:
-        self._state, self.size = state, size
+    def __init__(self, resources: RenderResources, size: tuple[int, int]) -> None:
+        self._resources, self.size = resources, size
         self._drawn: dict[str, EyeTargets] = {}
         self._computed: dict[str, Targets] = {}
 
     def drawn(self, use: str, names: tuple[str, ...], factor: int = 1) -> EyeTargets:
         """Return the targets of a drawing pass with these attachments, ``factor`` times as wide and high."""
         if use not in self._drawn:
-            state, size = self._state, (self.size[0] * factor, self.size[1] * factor)
-            blended = state.options.outlines and "colour" in names
+            resources, size = self._resources, (self.size[0] * factor, self.size[1] * factor)
+            blended = resources.options.outlines and "colour" in names
             self._drawn[use] = EyeTargets(
-                state.context, size, names, grey=state.patches.grey, blended=blended, read=state.read
+                resources.context, size, names, grey=resources.patches.grey, blended=blended, read=resources.read
             )
         return self._drawn[use]
 
     def computed(self, use: str, attachments: dict[str, Attachment]) -> Targets:
         """Return the targets of a pass over the whole image."""
         if use not in self._computed:
-            self._computed[use] = Targets(self._state.context, self.size, attachments, self._state.read)
+            self._computed[use] = Targets(self._resources.context, self.size, attachments, self._resources.read)
         return self._computed[use]
 
     def release(self) -> None:

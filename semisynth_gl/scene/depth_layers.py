@@ -93,7 +93,7 @@ class DepthLayers:
             camera: the camera.
             drift: speed aside and in depth, in units of the speed downwards.
             sizes: the particles' diameters.
-            heights: the models' mean relief h, in radii, see `MeanRelief`.
+            heights: the models' mean relief h, in radii, see `MeanModelRelief`.
             near_m: depth of the near plane.
             relief_px: largest radius of a model along the viewing axis, px at its own depth.
         """

@@ -30,7 +30,7 @@ import numpy as np
 from semisynth_gl.cache import CacheEntry, cached
 from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.geometry.relief import MeanRelief
+from semisynth_gl.geometry.relief import MeanModelRelief
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats, Ints
@@ -100,7 +100,12 @@ class DisparitySolver:
     """
 
     def __init__(
-        self, config: Config, seed: int, relief: MeanRelief, catalogue: ModelCatalogue, wanted: Histogram | None = None
+        self,
+        config: Config,
+        seed: int,
+        relief: MeanModelRelief,
+        catalogue: ModelCatalogue,
+        wanted: Histogram | None = None,
     ) -> None:
         self._config, self._seed, self._relief, self._catalogue = config, seed, relief, catalogue
         own, particles = config.wanted_histogram(), config.particles

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from semisynth_gl.config import Config
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary, build_libraries
-from semisynth_gl.inputs.errors import Skipped
+from semisynth_gl.inputs.errors import SkippedFile
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.projector import find_pattern
 from semisynth_gl.seeds.splits import Split
@@ -41,7 +41,7 @@ class SceneSources:
         return self.libraries[0].models
 
     @property
-    def skipped_models(self) -> tuple[Skipped, ...]:
+    def skipped_models(self) -> tuple[SkippedFile, ...]:
         """The user's models that could not be used, with the reasons."""
         return tuple(dict.fromkeys(skipped for library in self.libraries for skipped in library.skipped))
 

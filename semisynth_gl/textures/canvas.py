@@ -110,7 +110,7 @@ def direction(down: Field, right: Field) -> Field:
     return np.arctan2(down.astype(np.float64), right.astype(np.float64)).astype(np.float32)
 
 
-class TileMap(NamedTuple):
+class PatternTiles(NamedTuple):
     """For each pixel, (H, W): its tile's number, its approximate distance to the border, its offset from the centre."""
 
     number: NDArray[np.int64]
@@ -127,7 +127,7 @@ class TileMap(NamedTuple):
         return rng.permutation(np.resize(values, (_TILES, *np.shape(values)[1:]))).astype(np.float32)[self.number]
 
 
-def bond(high: float, wide: float, sway: Field | float = 0.0, shift: float = 0.0) -> TileMap:
+def bond(high: float, wide: float, sway: Field | float = 0.0, shift: float = 0.0) -> PatternTiles:
     """Arrange tiles of one size in rows, like bricks; ``shift`` moves every second row by that part of a tile.
 
     ``sway`` moves each pixel, px: with noise, borders are uneven.
@@ -139,10 +139,10 @@ def bond(high: float, wide: float, sway: Field | float = 0.0, shift: float = 0.0
     down, right = y + sway - (row + 0.5) * high, across - (column + 0.5) * wide
     border = np.minimum(high / 2 - np.abs(down), wide / 2 - np.abs(right))
     number = (row * 64 + column).astype(np.int64) % _TILES
-    return TileMap(number, *(np.asarray(field, np.float32) for field in (border, down, right)))
+    return PatternTiles(number, *(np.asarray(field, np.float32) for field in (border, down, right)))
 
 
-def cells(rng: np.random.Generator, size_px: float, irregular: float = 0.9) -> TileMap:
+def cells(rng: np.random.Generator, size_px: float, irregular: float = 0.9) -> PatternTiles:
     """Divide a picture into cells around points about ``size_px`` apart, on a grid (``irregular`` 0) or random (1)."""
     y, x = grid()
     count = int(SIDE_PX / size_px) + 3
@@ -157,7 +157,7 @@ def cells(rng: np.random.Generator, size_px: float, irregular: float = 0.9) -> T
         number = np.where(distance < nearest, candidate, number)
         nearest = np.minimum(nearest, distance)
     border = np.asarray((np.sqrt(second) - np.sqrt(nearest)) / 2, np.float32)
-    return TileMap(number % _TILES, border, y - rows[number], x - columns[number])
+    return PatternTiles(number % _TILES, border, y - rows[number], x - columns[number])
 
 
 def step(field: NDArray[Any], width: float = 1.0) -> Field:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.inputs.errors import Skipped
+from semisynth_gl.inputs.errors import SkippedFile
 from semisynth_gl.textures.borders import Rectangle, inside_borders
 from semisynth_gl.textures.crop_report import Outcome
 from semisynth_gl.textures.crops import Square, cover, cut_crop, sharpness_measure, texture_measure
@@ -59,7 +59,7 @@ def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) 
 
 
 @dataclass(slots=True, eq=False)
-class ClipCrop:
+class VideoCrop:
     """A square of a clip.
 
     Attributes:
@@ -91,9 +91,9 @@ class ClipCrop:
             self.frames.append(patch)
 
 
-def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: TexturesSection) -> list[ClipCrop]:
+def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: TexturesSection) -> list[VideoCrop]:
     """Return the crops of a part of an image, sorted by side, row and column; none if the part is too small."""
-    crops = [ClipCrop(square) for square in cover(name, part, section.patch_px, section.scales)]
+    crops = [VideoCrop(square) for square in cover(name, part, section.patch_px, section.scales)]
     for crop in crops:
         crop.add_frame(image, section)
     return crops
@@ -101,20 +101,20 @@ def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: Tex
 
 def read_clip(
     clip: Sequence[Path], names: Mapping[Path, str], section: TexturesSection
-) -> tuple[list[str], list[ClipCrop], list[Skipped]]:
+) -> tuple[list[str], list[VideoCrop], list[SkippedFile]]:
     """Read a clip, one frame at a time.
 
     ``clip`` has the files of its frames (a still image has one), and ``names`` has the name of each file. Returns the
     names of the frames, the crops, and the files that were skipped: unreadable files, and frames whose size or EXIF
     orientation differs from the first frame's.
     """
-    used, crops, skipped = list[str](), list[ClipCrop](), list[Skipped]()
+    used, crops, skipped = list[str](), list[VideoCrop](), list[SkippedFile]()
     shape: tuple[int, ...] = ()
     for path in clip:
         try:
             image = read_image(path)
         except ImageError as error:
-            skipped.append(Skipped(path, error.reason))
+            skipped.append(SkippedFile(path, error.reason))
             continue
         if not used:
             shape = image.shape
@@ -124,7 +124,7 @@ def read_clip(
             for crop in crops:
                 crop.add_frame(image, section)
         else:
-            skipped.append(Skipped(path, "differs in size or EXIF orientation from the first frame of its clip"))
+            skipped.append(SkippedFile(path, "differs in size or EXIF orientation from the first frame of its clip"))
             continue
         used.append(names[path])
     return used, crops, skipped

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from semisynth_gl.inputs.errors import Skipped, counted
+from semisynth_gl.inputs.errors import SkippedFile, counted
 from semisynth_gl.textures.image_files import printable
 from semisynth_gl.textures.shares import patch_chances
 from semisynth_gl.textures.subjects import of_subjects
@@ -59,7 +59,7 @@ class TextureReport:
     images_used: int
     images_unused: int = 0
     images_too_small: int = 0
-    images_skipped: tuple[Skipped, ...] = ()
+    images_skipped: tuple[SkippedFile, ...] = ()
     images_not_opened: int = 0
     counts: tuple[CropCount, ...]
     subjects: Mapping[str, str] = field(default_factory=dict)

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.inputs.errors import InputError, Skipped, counted
+from semisynth_gl.inputs.errors import InputError, SkippedFile, counted
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import Rectangle
-from semisynth_gl.textures.clips import ClipCrop, cut_clips, cut_crops, read_clip
+from semisynth_gl.textures.clips import VideoCrop, cut_clips, cut_crops, read_clip
 from semisynth_gl.textures.crop_report import CropCount, TextureReport
 from semisynth_gl.textures.crops import DuplicateFinder
 from semisynth_gl.textures.image_files import relative_names
@@ -58,7 +58,7 @@ def build_atlas(
     names = relative_names(images)
     clips = cut_clips(images, section, alone=pictures is None) if section.sequence else [[path] for path in images]
     subjects = dict(enumerate([] if section.sequence else subject_numbers(images)))
-    skipped, duplicates = list[Skipped](), DuplicateFinder(section.min_difference)
+    skipped, duplicates = list[SkippedFile](), DuplicateFinder(section.min_difference)
     pending = {int(number): clips[number] for number in rng.permutation(len(clips))}
     opened: dict[int, _Opened] = {}  # by number, in the order of opening
     painted: dict[str, str] = {}
@@ -109,8 +109,8 @@ class _Opened:
 
     subject: int
     frames: list[str]
-    crops: list[ClipCrop]
-    kept: list[ClipCrop]
+    crops: list[VideoCrop]
+    kept: list[VideoCrop]
 
 
 def _by_subject(opened: Mapping[int, _Opened]) -> list[list[_Opened]]:
@@ -143,7 +143,9 @@ def _evict(opened: Mapping[int, _Opened], most: int) -> None:
         max(fullest, key=lambda image: len(image.kept)).kept.pop().reject("surplus")
 
 
-def _report(opened: Mapping[int, _Opened], skipped: Iterable[Skipped], not_opened: int, patch_px: int) -> TextureReport:
+def _report(
+    opened: Mapping[int, _Opened], skipped: Iterable[SkippedFile], not_opened: int, patch_px: int
+) -> TextureReport:
     """Report the outcome of all images and crops, given skipped files and the number of files that were not opened."""
     images = [opened[number] for number in sorted(opened)]
     subjects: dict[int, list[str]] = defaultdict(list)
@@ -162,14 +164,14 @@ def _report(opened: Mapping[int, _Opened], skipped: Iterable[Skipped], not_opene
     )
 
 
-def _counts(crops: Sequence[ClipCrop]) -> Iterator[CropCount]:
+def _counts(crops: Sequence[VideoCrop]) -> Iterator[CropCount]:
     """Yield the numbers of an image's crops with each outcome, by increasing side."""
     for side, of_side in groupby(crops, lambda crop: crop.square.side_px):
         outcomes = Counter[str](crop.outcome for crop in of_side)
         yield CropCount(crops[0].square.source, side, **outcomes)
 
 
-def _alternate_sides(crops: Sequence[ClipCrop], rng: np.random.Generator) -> list[ClipCrop]:
+def _alternate_sides(crops: Sequence[VideoCrop], rng: np.random.Generator) -> list[VideoCrop]:
     """Return crops in random order with alternating sides, beginning with a random side."""
     sides = np.array([crop.square.side_px for crop in crops], dtype=np.int64)
     queues = [rng.permutation(np.flatnonzero(sides == side)) for side in rng.permutation(np.unique(sides))]

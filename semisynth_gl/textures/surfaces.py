@@ -6,8 +6,8 @@ from numpy.typing import ArrayLike, NDArray
 from semisynth_gl.textures.canvas import (
     SIDE_PX,
     Field,
+    PatternTiles,
     Pixels,
-    TileMap,
     bond,
     cells,
     direction,
@@ -96,7 +96,9 @@ def knitting(rng: np.random.Generator) -> Pixels:
     return _woven(rng, palette(rng)[np.concatenate(bands)], 1.1, lean=1.5)
 
 
-def _paved(rng: np.random.Generator, tiled: TileMap, image: Field, dome: Field, gap: ArrayLike, rough: float) -> Field:
+def _paved(
+    rng: np.random.Generator, tiled: PatternTiles, image: Field, dome: Field, gap: ArrayLike, rough: float
+) -> Field:
     """Return tiles, (H, W, 3), with relief of height ``dome``, (H, W) px, and joints of the colour ``gap``."""
     grit = rough * fractal(rng, coarsest_px=64, persistence=1.0)
     light = relief(dome + grit, 0.3) * (1 + 0.3 * grit) * tiled.uniform(rng, 0.8, 1.2)

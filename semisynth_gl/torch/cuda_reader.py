@@ -18,7 +18,7 @@ _TYPES = {"f1": torch.uint8, "u1": torch.uint8, "u2": torch.uint16, "f4": torch.
 _MOST_DEVICES = 64
 
 
-class CudaReader:
+class CudaPixelReader:
     """A `PixelReader` (see `render`) that reads attachments into tensors on a CUDA device.
 
     ``device`` must have an index, and OpenGL must use the same GPU. Raises InputError if NVIDIA's bindings of CUDA are

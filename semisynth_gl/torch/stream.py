@@ -20,7 +20,7 @@ from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.seeds.splits import SPLITS, SplitName
-from semisynth_gl.torch.cuda_reader import CudaReader
+from semisynth_gl.torch.cuda_reader import CudaPixelReader
 from semisynth_gl.torch.dataset import PairDataset, Transform
 
 TensorDevice = Literal["cpu", "cuda"]
@@ -85,7 +85,7 @@ class StereoStream(PairDataset):
         if device == "cuda":
             self._check_cuda(augmentation)
         self._renderer: PairRenderer | None = None
-        self._reader: CudaReader | None = None
+        self._reader: CudaPixelReader | None = None
         self._process = os.getpid()
         super().__init__((config.camera.height_px, config.camera.width_px), crop, augmentation, transform)
 
@@ -133,7 +133,7 @@ class StereoStream(PairDataset):
                 if worker is not None:
                     raise InputError("device='cuda' needs num_workers=0: a worker cannot send tensors on a GPU")
                 gpus = gpus or (torch.cuda.current_device(),)
-                self._reader = CudaReader(torch.device("cuda", gpus[0]))
+                self._reader = CudaPixelReader(torch.device("cuda", gpus[0]))
             index = egl_index_of_worker(gpus, worker.id if worker is not None else 0)
             read = self._reader or read_array
             self._renderer = PairRenderer(self._config, self._split, self._backend, index, read)

@@ -22,7 +22,7 @@ torch = heavy("torch")
 pytestmark = [pytest.mark.heavy, pytest.mark.one_backend]
 
 from semisynth_gl.torch import StereoStream, stream  # noqa: E402
-from semisynth_gl.torch.cuda_reader import CudaReader  # noqa: E402
+from semisynth_gl.torch.cuda_reader import CudaPixelReader  # noqa: E402
 
 SEED = 3
 # The stand-in's pointers are the processor's, so tensors are too.
@@ -111,7 +111,7 @@ def runtime(monkeypatch):
 @pytest.fixture
 def reader(runtime):
     assert not runtime.calls
-    return CudaReader(DEVICE)
+    return CudaPixelReader(DEVICE)
 
 
 def test_what_is_drawn_reaches_cuda_as_it_is_read_back(backend, runtime, reader):
@@ -163,12 +163,12 @@ def gpu(monkeypatch, runtime):
 
     def made(device):
         assert device == torch.device("cuda", 0)
-        return CudaReader(DEVICE)
+        return CudaPixelReader(DEVICE)
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
     monkeypatch.setattr(stream, "egl_index_of_worker", lambda gpus, worker: max(len(gpus) - 1, 0) + worker)
-    monkeypatch.setattr(stream, "CudaReader", made)
+    monkeypatch.setattr(stream, "CudaPixelReader", made)
     return runtime
 
 

@@ -14,7 +14,7 @@ from semisynth_gl.render.readers import PixelReader
 
 
 @dataclass(frozen=True, slots=True)
-class RenderState:
+class RenderResources:
     """A renderer's context with its models, patches and constants, and its options."""
 
     context: GraphicsContext
