@@ -200,10 +200,14 @@ def test_the_left_view_cuts_triangles_at_the_near_plane(fy_over_fx):
     """Of random triangles around the camera, most reach behind it with one corner or with two."""
     camera = replace(CAMERAS["kitti"][0], fy_over_fx=fy_over_fx)
     corners = np.random.default_rng(2).uniform((-4, -2, -2), (4, 2, 4), (60, 3, 3))
-    triangles = [make_mesh(str(k), points, points[:, :2], [[0, 1, 2]]) for k, points in enumerate(corners)]
-    # Meshes are kept as they are given: their vertices are metres in the camera's frame.
-    same = np.tile(np.eye(4), (60, 1, 1))
-    scene = make_scene(camera, model=range(60), world_from_model=same, layer=[0] * 60, near_m=0.5)
+    pose = np.tile(np.eye(4), (60, 1, 1))
+    pose[:, :3, :3] = np.linalg.qr(np.random.default_rng(3).normal(size=(60, 3, 3)))[0]
+    pose[:, :3, 3] = corners[:, 0]
+    triangles = [
+        make_mesh(str(k), (points - points[0]) @ pose[k, :3, :3], points[:, :2], [[0, 1, 2]])
+        for k, points in enumerate(corners)
+    ]
+    scene = make_scene(camera, model=range(60), world_from_model=pose, layer=[0] * 60, near_m=0.5)
     beyond = (corners[..., 2] >= scene.near_m).sum(axis=1)
     assert min((beyond == 1).sum(), (beyond == 2).sum()) > 10
     seen = left_view_hits(scene, triangles)
