@@ -1,7 +1,7 @@
-"""The oracle: disparity, normals and flow by float64 rays, with which the renderer's output is compared.
+"""The oracle: disparity, normals and flow at the hits of float64 rays, with which the renderer's output is compared.
 
-The oracle uses the ray caster `semisynth_gl.scene.raycast`, which neither the scene sampler nor the renderer uses. In
-all functions, ``hits`` are the R hits of one eye's rays through the pixel positions ``x_px`` and ``y_px`` (R,).
+Callers cast the rays by `semisynth_gl.scene.raycast`, which neither the scene sampler nor the renderer uses. In all
+functions, ``hits`` are the R hits of one eye's rays through the pixel positions ``x_px`` and ``y_px`` (R,).
 ``models`` are the meshes that ``scene.model`` indexes. ``signed`` allows disparities of 0 and below.
 """
 
@@ -124,7 +124,7 @@ def depth_on_planes(
 ) -> Floats:
     """Return the depths, (R,) float64 m, at which rays cross the planes of the triangles in ``hits``; inf without hit.
 
-    With hits of nearby rays, the depths show on which surface a pixel close to an edge lies.
+    If ``hits`` are those of rays beside the pixels, the depths are those that the surfaces there have at the pixels.
     """
     depth = np.full(len(x_px), np.inf)
     rays = scene.camera.rays_of_eye(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))

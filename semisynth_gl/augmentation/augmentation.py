@@ -48,7 +48,7 @@ class SequenceChanges:
             frame = self.warp.applied(frame, self.size).with_own_masks()
         frame = occluded(frame, self.rectangles)
         images = {eye: frame.view(eye).image for eye in EYES}
-        # One mean for both eyes, so that equal changes keep equal colours equal.
+        # Both eyes share one mean luminance: otherwise, equal contrasts would change a colour differently in each eye.
         contrasts = any(each["contrast"] != 1 for each in self.colours.values())
         mean = mean_luminance(list(images.values())) if contrasts else 0.0
         images = {eye: recoloured(image, mean, rng, **self.colours[eye]) for eye, image in images.items()}
@@ -108,16 +108,19 @@ class Augmentation(CheckedFields):
     rectangle_px: Annotated[Interval, 1, 10000] = (50, 100)
 
     def check(self, crop: Size | None, image_size: Size) -> None:
-        """Raise InputError if a change needs a crop, or the crop does not fit into the image at the largest scale."""
+        """Raise InputError if pixels move without a crop, or the crop does not fit at the largest scale."""
         if not self._moves:
             return
         if crop is None:
             raise InputError("expected crop=(height, width): scale, stretch, right_y_px and right_roll_deg need it")
         least = self._least_scale(crop, image_size)
         if least > self.scale[1]:
+            needed = "smaller movements"
+            if least < inf:
+                needed = f"an upper end of {ceil(1000 * least) / 1000:g} or more, got {self.scale[1]:g}"
             raise InputError(
-                f"expected an upper end of {least:.3g} or more, got {self.scale[1]:g}: a crop of {crop[1]} x {crop[0]} "
-                f"px, with {self._margin(image_size)} px around it, must fit into {image_size[1]} x {image_size[0]} px",
+                f"expected {needed}: a crop of {crop[1]} x {crop[0]} px, with {self._margin(image_size)} px around it, "
+                f"must fit into {image_size[1]} x {image_size[0]} px",
                 argument="scale",
             )
 
@@ -158,7 +161,7 @@ class Augmentation(CheckedFields):
         return max(side / most for side, most in zip(crop, available, strict=True)) if min(available) > 0 else inf
 
     def _margin(self, image_size: Size) -> int:
-        """Return the margin of a moved right image, px: the largest movement at scale 1, and the filters' radius."""
+        """Return the margin around a moved right image, px of the source: largest movement plus the filters' radius."""
         if not self._moves_right:
             return 0
         by_roll = sin(radians(max(map(abs, self.right_roll_deg)))) * sum(image_size)
@@ -181,8 +184,8 @@ class Augmentation(CheckedFields):
 
 PRESETS: Mapping[str, Augmentation] = {
     # The augmentation with which RAFT-Stereo and IGEV-Stereo train (--spatial_scale -0.2 0.4 --saturation_range 0 1.4).
-    # There, right images move by whole rows, and four of five samples are stretched, in width and in height by
-    # 2 ** +-0.2 each. Here all samples are stretched.
+    # RAFT-Stereo moves right images by whole rows, and stretches only 80 % of the samples: width and height, each by
+    # 2 ** -0.2 to 2 ** 0.2. This preset stretches all samples, and only their width.
     "raft-stereo": Augmentation(
         scale=(2**-0.2, 2**0.4),
         stretch=(2**-0.2, 2**0.2),

@@ -19,10 +19,10 @@ MAP_EXTENSIONS = (".pfm", ".npy", ".png")
 def read_disparity_map(
     path: Path, png_steps: float = KITTI_DISPARITY.steps, *, signed: bool = False
 ) -> NDArray[np.float32]:
-    """Read a disparity map as (H, W) float32 px: a PFM, NumPy array or 16-bit grey PNG, by its first bytes.
+    """Read a disparity map as (H, W) float32 px. The first bytes decide: PFM, NumPy array, or 16-bit grey PNG.
 
-    A PNG counts steps of 1/``png_steps`` px or, if ``signed``, steps of 1/256 px from 32768 on; its 0 becomes inf. The
-    caller has to know which other values mean "no disparity".
+    The value v of a PNG means v / ``png_steps`` px or, if ``signed``, (v - 32768) / 256 px; the value 0 becomes inf.
+    The caller has to know which other values mean "no disparity".
 
     Raises:
         ReadError: where the file cannot be read, has another format, or does not have one value per pixel.
@@ -37,7 +37,7 @@ def read_disparity_map(
 def is_disparity_map(path: Path) -> bool:
     """Return whether a file with an ending of `MAP_EXTENSIONS` may be a disparity map; a PNG has to be 16-bit grey.
 
-    Raises ReadError where a PNG cannot be read.
+    Raises ReadError where a PNG is damaged; a file that is no PNG is no map.
     """
     if path.suffix.lower() != ".png":
         return True

@@ -16,8 +16,8 @@ class JsonObject(Codec[Mapping[str, Any]]):
     description = "JSON"
 
     def encode(self, value: Mapping[str, Any]) -> bytes:
-        """Encode a mapping."""
-        return (json.dumps(value, indent=1) + "\n").encode()
+        """Encode a mapping; raises ValueError where it has NaN or infinity."""
+        return (json.dumps(value, indent=1, allow_nan=False) + "\n").encode()
 
     def decode(self, data: bytes, path: Path) -> dict[str, Any]:
         """Decode a mapping; raises ReadError also where it has NaN or infinity."""

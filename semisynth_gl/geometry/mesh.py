@@ -127,8 +127,8 @@ def cross(first: Floats, second: Floats) -> Floats:
 def least_aligned_axis(direction: Floats) -> Floats:
     """Return the unit vector, (3,), of the axis along which a direction (3,) has its smallest component.
 
-    Of components that agree to 1e-6, the first is chosen, so that rounding errors, which differ between processors, do
-    not decide.
+    Components are rounded to 1e-6, and the first of equal components is chosen: rounding errors, which differ between
+    processors, then hardly ever decide.
     """
     return np.asarray(np.eye(3)[np.argmin(np.round(np.abs(direction), 6))])
 
@@ -158,7 +158,7 @@ def merged(name: str, parts: Iterable[Mesh]) -> Mesh:
 
 
 def normalised(mesh: Mesh) -> Mesh:
-    """Centre a mesh's bounding box on the origin, and scale positions and UV to radius 1.
+    """Centre a mesh's bounding box on the origin, and scale positions and UV to radius 1; ``solid`` is not set.
 
     Raises InputError if all vertices coincide.
     """
@@ -171,7 +171,7 @@ def normalised(mesh: Mesh) -> Mesh:
 
 
 def without_degenerate(mesh: Mesh) -> Mesh:
-    """Drop triangles without area, and vertices without a triangle.
+    """Drop triangles without area, and vertices without a triangle; if there are any, ``solid`` is not set.
 
     A triangle counts as without area if its height over its longest edge is at most a millionth of the mesh's radius:
     it cannot be seen, and its normal is noise. Raises InputError if no triangle remains.

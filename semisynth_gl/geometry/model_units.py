@@ -46,8 +46,8 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
 def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
     """Join surfaces into one model, see `make_model`.
 
-    Raises InputError if there are no triangles, the model has no extent, or no triangle has an area. The message is a
-    predicate without a subject, such as "has no extent".
+    Raises InputError if there are no triangles, the model has no extent, or no triangle has an area. The message omits
+    the model's name, as in "has no extent"; the caller adds it.
     """
     argument = f"model {name}"
     if not parts:
@@ -79,8 +79,8 @@ def _unwrapped(name: str, positions: Floats, triangles: NDArray[np.int64], uv: F
         return [project_uv(name, positions, triangles)]
     area, uv_area, stretch = _texture_stretch(positions[triangles], uv[triangles])
     is_mapped = (area > 0) & np.isfinite(stretch)
-    # The scale is the median over the surface. A few triangles that fill much of the map, such as the eyes of a body of
-    # one colour, would decide a mean.
+    # The scale is the median over the surface. A mean would be decided by a few triangles that fill most of the map,
+    # such as the eyes of an animal whose body needs only a few texels.
     factor = np.sqrt(area[is_mapped] / uv_area[is_mapped])
     order = np.argsort(factor, kind="stable")
     share = np.cumsum(area[is_mapped][order])
@@ -100,8 +100,8 @@ def _texture_stretch(corners: Floats, uv: Floats) -> tuple[Floats, Floats, Float
     The stretch is the largest ratio, over all directions, of a length on the surface to its length in UV. It is
     infinite or NaN if the triangle has no area in UV. ``corners`` is (T, 3, 3), ``uv`` is (T, 3, 2).
     """
-    # Squared ratios are eigenvalues of inv(T) S. S and T contain the inner products of two edges on the surface (a, b,
-    # c) and in UV (p, q, r): first by first, first by second, second by second.
+    # [[a, b], [b, c]] has the inner products of two edges on the surface, [[p, q], [q, r]] those of the same edges in
+    # UV. The squared ratios are the eigenvalues of the inverse of the second matrix times the first.
     (a, b, c), (p, q, r) = (
         ((first * first).sum(axis=1), (first * second).sum(axis=1), (second * second).sum(axis=1))
         for first, second in (np.moveaxis(np.diff(points, axis=1), 1, 0) for points in (corners, uv))

@@ -12,7 +12,8 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import MeshEdges, find_edges
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 
-# Maximum number of edges of instances that are tested at once. For so few, BLAS uses one thread; more would only spin.
+# Maximum number of edges of instances that are tested at once. Up to it, BLAS uses one thread; further threads would
+# spin without use.
 _MOST_AT_ONCE = 2**16
 
 
@@ -42,7 +43,7 @@ class OutlineFinder:
             seen: (M,) the instances' numbers.
 
         Returns:
-            (N, 4) uint32: the instance, and the vertices of the triangle in front of the edge: the begin of the edge,
+            (N, 4) uint32: the instance, and three vertices of the visible triangle beside the edge: the edge's start,
             its end, and the opposite corner.
         """
         scene, rows = transforms.scene, transforms.rows(eye)
@@ -110,8 +111,9 @@ def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
 def _alike_sides(
     edges: MeshEdges, eyes: NDArray[np.float32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Choose the edges of M instances of a mesh whose adjacent triangles are both fronts or both backs for an eye.
+    """Choose the edges, of M instances of a mesh, at which the surface ends or turns away from an eye.
 
+    The eye is on the same side of both planes of such an edge, since `MeshEdges` turns the second plane round.
     ``eyes`` (M, 4) comes from `_eyes`.
 
     Returns:

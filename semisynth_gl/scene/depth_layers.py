@@ -23,8 +23,8 @@ depth z Z has the disparity
 
     d' = (d + doffs) / z - doffs.                                                                                (3)
 
-Lengths over Z are px over f. Let the path recede by ``a`` px in depth while its age t runs from 0 to 1, and let the
-particle have a radius of r px. A surface point that lies h radii in front of the particle's centre has
+A length of l px at the depth Z is l Z / f metres. Let the path recede by ``a`` px in depth while its age t runs from 0
+to 1, and let the particle have a radius of r px. A surface point h radii in front of the particle's centre has
 
     z = 1 + (t - 1/2) a / f - h r / f.                                                                           (4)
 
@@ -103,8 +103,8 @@ class DepthLayers:
         relief = np.minimum(radius, relief_px)
         height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
         speed = drift.low + (drift.high - drift.low) * where[:, 3]
-        # The parts of the drift in depth and sideways each have the distribution of all headings, but are of different
-        # headings. ``age`` is t - 1/2: 0 in the middle of the path.
+        # The drift in depth has the heading pi w, the drift sideways 2 pi w, for w from 0 to 1. Each has the
+        # distribution of all headings, but they do not belong together. ``age`` is t - 1/2: 0 in mid-path.
         path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
         # Depths are in units of Z from here on. A model reaches relief / f in front of its centre. Its drift in depth
         # is limited so that it stays beyond the near plane, as in `particle_poses`.
@@ -125,7 +125,7 @@ class DepthLayers:
 
 
 def merge_bins(target: Histogram) -> Histogram:
-    """Merge neighbouring bins until there are at most 48; narrower bins would be narrower than a particle is deep."""
+    """Merge neighbouring bins until there are at most 48: a particle extends over several bins if they are narrower."""
     step = -(-len(target.shares) // _MOST_LAYERS)
     edges = np.append(target.edges_px[:-1:step], target.edges_px[-1])
     return target.rebinned(edges) if step > 1 else target

@@ -1,12 +1,14 @@
 """Finds how many particles each depth layer of a scene needs for the dataset's wanted distribution of disparity.
 
-There is a depth layer for each bin of the wanted histogram. `semisynth_gl.scene.depth_layers` finds its coverage
-lambda: how many particles cover a pixel, on average. This module computes numbers of particles in five steps:
+The wanted histogram is merged into at most 48 bins, with a depth layer each. `semisynth_gl.scene.depth_layers` finds a
+layer's coverage lambda: how many particles cover a pixel, on average. This module computes numbers of particles in five
+steps:
 
 1. Pilots. 32 scenes without particles represent the dataset. They give the cumulative distribution of disparity of
    scenes without particles.
-2. Aim. Each scene is solved separately. A scene with a near wall cannot reach the target, so the aim of all scenes is
-   corrected by  wanted - achieved.  There are 6 rounds, and the aim whose pilots come nearest to the target is used.
+2. Aim. Each scene is solved separately for one distribution, the aim. It begins as the target. A scene with a near wall
+   cannot reach it, so each round corrects the aim by  target - mean of the solved pilots.  Of 6 aims, the one whose
+   pilots come nearest to the target is used.
 3. Numbers. One particle adds c = A / R to the coverage, where A px^2 is the mean area of its silhouette and R px^2 the
    area of the region in which it may be (`expected_cover`). So a layer has n = lambda / c particles on average.
 4. Sizes. c grows with the square of the sizes, so larger particles need smaller numbers. If ``particles.density`` is
@@ -48,8 +50,8 @@ _SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "stru
 _PURPOSES = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG, Purpose.SKY)
 # Number of pilot scenes in which particles are counted to find the size factor of a density.
 _COUNTED_PILOTS = 8
-# Number of times that the aim is shifted towards the target.
-_CORRECTIONS = 6
+# Number of aims that are tried.
+_AIMS = 6
 # Number of objects in view for each density, relative to the number at the stated sizes.
 _DENSITY = {"sparse": 1 / 3, "dense": 3.0}
 # Smallest factor of the stated sizes.
@@ -96,7 +98,7 @@ class DisparitySolver:
     """Solves for the numbers of particles in the scenes of one recipe of a dataset.
 
     ``relief`` is the mean relief of the models. ``catalogue`` has the models of pilot scenes. ``wanted`` is the
-    wanted distribution, by default the config's. ``target`` is the same in bins that depth layers can follow.
+    wanted distribution, by default the config's. ``target`` is this distribution, in the bins of the depth layers.
     """
 
     def __init__(
@@ -179,7 +181,7 @@ class DisparitySolver:
         return float((low * high) ** 0.5)
 
     def _corrected(self, sizes: ParticleSizes) -> _Aim:
-        """Correct the aim 6 times, and return the one with which the mean of the pilot scenes is nearest the target.
+        """Try 6 aims, and return the one with which the mean of the pilot scenes is nearest the target.
 
         Where the target needs more particles than ``particles.most``, they are enlarged first. Raises InputError where
         that does not suffice.
@@ -187,7 +189,7 @@ class DisparitySolver:
         wanted = self.target.shares
         sizes, views = self._enlarged(sizes)
         aims, shares = [], wanted
-        for _ in range(_CORRECTIONS):
+        for _ in range(_AIMS):
             coverage = self._coverage(shares, views)
             achieved = expected_shares(coverage, views.bare, views.exceedances).mean(axis=0)
             aims.append(_Aim(shares, achieved, sizes))
@@ -220,7 +222,7 @@ class DisparitySolver:
         views = self._views(pilots, sizes)
         numbers = self._coverage(self.target.shares, views) / views.cover
         for number, (camera, _) in zip(numbers, pilots, strict=True):
-            # Share of the particles that are rendered: those that would cross the near plane are not.
+            # About the share of the particles that are rendered: those that would cross the near plane are not.
             rendered = self._exceedance(layers, np.array([-np.inf]), camera, sizes)[:, 0]
             in_view.append(float(number * rendered @ expected_in_view(camera, sizes, layers.middle_px)))
         return float(np.mean(in_view))

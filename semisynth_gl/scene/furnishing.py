@@ -41,7 +41,10 @@ _TRIES = 8
 
 
 def furnish(room: FloorSceneBuilder, section: RoomSection, walls: tuple[Wall, ...]) -> None:
-    """Put as many things into a room as the config says; ``walls`` are the wall ahead, the right and the left wall."""
+    """Put things into a room, at most as many as the config says: those that find no free spot are left out.
+
+    ``walls`` are the wall ahead, the right and the left wall.
+    """
     rng, tops = room.rng, list[int]()
     if rng.random() < section.rug:
         _add_rug(room, walls[0])
@@ -87,22 +90,17 @@ def _on_floor(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> tuple[float, 
     """Sample a position (x, y) on the floor, inside the walls, in the view or just beside it."""
     camera, pose = room.rig.camera, room.camera_from_floor
     ahead, right, left = walls[0].corner[1], walls[1].corner[0], walls[2].corner[0]
-    x, y = 0.0, 0.0
-    for _ in range(_TRIES):
-        column = room.rng.uniform(-0.1, 1.1) * camera.width_px - 0.5
-        ray = pose[:3, :3].T @ np.array([(column - camera.cx_left_px) / camera.focal_px, 0, 1])
-        flat = ray[:2] / np.linalg.norm(ray[:2])
-        reach = min(
-            ahead / flat[1] if flat[1] > 0 else np.inf,
-            right / flat[0] if flat[0] > 0 else np.inf,
-            left / flat[0] if flat[0] < 0 else np.inf,
-        )
-        low = min(room.rig.near_m, 0.7 * reach)
-        distance = np.sqrt(room.rng.uniform((low / reach) ** 2, 1)) * reach
-        x, y = float(flat[0] * distance), float(flat[1] * distance)
-        if left < x < right and y < ahead:
-            break
-    return x, y
+    column = room.rng.uniform(-0.1, 1.1) * camera.width_px - 0.5
+    ray = pose[:3, :3].T @ np.array([(column - camera.cx_left_px) / camera.focal_px, 0, 1])
+    flat = ray[:2] / np.linalg.norm(ray[:2])
+    reach = min(
+        ahead / flat[1] if flat[1] > 0 else np.inf,
+        right / flat[0] if flat[0] > 0 else np.inf,
+        left / flat[0] if flat[0] < 0 else np.inf,
+    )
+    low = min(room.rig.near_m, 0.7 * reach)
+    distance = np.sqrt(room.rng.uniform((low / reach) ** 2, 1)) * reach
+    return float(flat[0] * distance), float(flat[1] * distance)
 
 
 def _add_standing(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> int | None:

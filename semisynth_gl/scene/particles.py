@@ -112,7 +112,7 @@ class ParticleBatch(NamedTuple):
 def expected_cover(camera: StereoCamera, sizes: ParticleSizes, disparity_px: Floats, fill: float) -> Floats:
     """Return the coverage that one particle adds at disparities (K,): the mean number of times it covers a pixel, (K,).
 
-    The pixels are those of the left view. ``fill`` is that of the models' mean `MeanModelRelief`.
+    The pixels are those of the left view. ``fill`` is `MeanModelRelief.fill`.
     """
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)

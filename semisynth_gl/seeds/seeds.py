@@ -45,8 +45,8 @@ def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Genera
         seed: the seed of the dataset, or of a split, see `Split.seed`.
         purpose: see `Purpose`.
         keys: distinguish the streams of a purpose: numbers of 0 or more (sequence, generation, ...), or names, which
-            are replaced by the CRC-32 of their UTF-8 bytes. They form NumPy's spawn key: as entropy, [1, 2] and
-            [1, 2, 0] would give the same stream.
+            are replaced by the CRC-32 of their UTF-8 bytes. They are NumPy's spawn key: if they were passed as
+            entropy, [1, 2] and [1, 2, 0] would give the same stream.
     """
     numbers = (zlib.crc32(key.encode()) if isinstance(key, str) else key for key in keys)
     sequence = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))

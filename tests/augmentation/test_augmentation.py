@@ -68,9 +68,13 @@ def test_a_scale_is_raised_until_the_crop_fits():
         assert width <= sides[1]
     small.check(crop, sides)
     # The margin of a movement of 20 px at a scale of 0.1 leaves nothing of the image, and 5 degrees a fifth of it.
-    for moving in (Augmentation(scale=(0.1, 1), right_y_px=(-20, 20)), Augmentation(right_roll_deg=(-5, 5))):
-        with pytest.raises(InputError, match=r"an upper end of .* or more, got 1"):
-            moving.check((320, 720), (375, 1242))
+    for moving, crop, needed in (
+        (Augmentation(scale=(0.1, 1), right_y_px=(-20, 20)), (320, 720), "expected smaller movements: a crop"),
+        (Augmentation(right_roll_deg=(-5, 5)), (320, 720), "an upper end of 3.903 or more, got 1"),
+        (Augmentation(stretch=(0.9, 1)), (375, 1000), "an upper end of 1.003 or more, got 1"),
+    ):
+        with pytest.raises(InputError, match=needed):
+            moving.check(crop, (375, 1242))
 
 
 def test_the_default_changes_nothing():
