@@ -1,5 +1,6 @@
 """The base class of all sections of a config, and the types of their values."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Self, TypeGuard
@@ -97,7 +98,9 @@ def _parse_range(value: object) -> Range:
         return value
     ends = value if isinstance(value, (list, tuple)) else (value, value)
     if len(ends) != 2 or not all(map(is_number, ends)) or ends[0] > ends[1]:
-        raise ValueError(f"expected a number or [low, high] with low <= high, of at most {LARGEST:g}")
+        too_large = any(isinstance(end, int | float) and not -LARGEST <= end <= LARGEST for end in ends)
+        limit = f", of at most {LARGEST:g}" * too_large
+        raise ValueError(f"expected a number or [low, high] with low <= high{limit}")
     return Range(float(ends[0]), float(ends[1]))
 
 
@@ -120,6 +123,11 @@ def within(low: float, high: float = LARGEST) -> AfterValidator:
     return _rule(lambda value: low <= value.low and value.high <= high, f"{low:g} to {high:g}")
 
 
+def matching(pattern: str, expected: str) -> AfterValidator:
+    """Return a validator of texts that match a regular expression; messages call them ``expected``."""
+    return _rule(re.compile(pattern).fullmatch, expected)
+
+
 def one_of(names: Iterable[str]) -> AfterValidator:
     """Return a validator that accepts only these names."""
     known = tuple(names)
@@ -134,9 +142,9 @@ NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 Weight = NotNegative
 Share = Annotated[float, Field(ge=0, le=1)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$", max_length=100)]
+Name = Annotated[str, Field(max_length=100), matching("[A-Za-z0-9][A-Za-z0-9-]*", "letters, digits and hyphens")]
 PluginName = Annotated[str, Field(min_length=1, max_length=100)]
-PathText = Annotated[str, Field(pattern=r"^[^\x00]+$")]
+PathText = Annotated[str, matching(r"[^\x00]+", "a path")]
 
 # A plain validator, since pydantic would otherwise build a schema of `Range` for each use, which is slow.
 RangeField = Annotated[Range, PlainValidator(_parse_range), PlainSerializer(written_range)]

@@ -28,6 +28,7 @@ from semisynth_gl.config.fields import (
     Range,
     Rule,
     Weight,
+    matching,
     one_of,
 )
 from semisynth_gl.config.layers import Values, merged
@@ -169,7 +170,7 @@ class Config(ConfigSection):
     ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``, ``raw``, ``raw_map``"""
     truth: TruthViews = "both"
     """views that get truth: ``both`` or ``left``"""
-    antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
+    antialias: Annotated[str, matching(ANTIALIAS_PATTERN, "none, edges, or ssaa2 to ssaa8")] = "none"
     """antialiasing of images: ``none``, ``edges``, or ``ssaa2`` to ``ssaa8``"""
 
     @model_validator(mode="before")

@@ -69,8 +69,10 @@ def _value(yaml: YAML, node: Node, key: KeyPath, lines: dict[KeyPath, int]) -> A
     if isinstance(node, MappingNode):
         mapping = dict[str, Any]()
         for name, child in node.value:
-            if not isinstance(name, ScalarNode) or name.value in mapping:
-                raise YamlError(_line(name), "a key is not a text, or occurs twice")
+            if not isinstance(name, ScalarNode):
+                raise YamlError(_line(name), f"a {name.id} is used as a key: expected a text")
+            if name.value in mapping:
+                raise YamlError(_line(name), f"the key {name.value} occurs twice")
             lines[*key, name.value] = _line(name)
             mapping[name.value] = _value(yaml, child, (*key, name.value), lines)
         return mapping

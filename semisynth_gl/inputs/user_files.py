@@ -26,7 +26,7 @@ def read_file(path: Path, most_bytes: int | None = None) -> bytes:
     with path.open("rb") as file:
         data = file.read() if most_bytes is None else file.read(most_bytes + 1)
     if most_bytes is not None and len(data) > most_bytes:
-        raise OSError(errno.EFBIG, f"it has more than {most_bytes} bytes", str(path))
+        raise OSError(errno.EFBIG, f"it is larger than {most_bytes >> 10} KiB", str(path))
     return data
 
 

@@ -89,7 +89,7 @@ def test_a_scale_is_of_what_it_stands_over(tmp_path):
         ("extends: middlebury\nscale: .nan\n", r"lab.yaml:2: scale: expected 1e-06 to 1e\+06, got nan"),
         ("extends: middlebury\nscale: 1e9\n", r"lab.yaml:2: scale: expected 1e-06 to 1e\+06, got 1000000000.0"),
         ("name: x\nscale: 2\n", "lab.yaml:2: scale: expected a key extends"),
-        ("extends: middlebury\nscale: 64\n", "camera.width_px: input should be less than or equal to 16384"),
+        ("extends: middlebury\nscale: 64\n", "camera.width_px: expected at most 16384"),
     ],
 )
 def test_a_scale_that_cannot_be_is_refused(tmp_path, text, said):
