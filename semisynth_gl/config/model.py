@@ -210,11 +210,19 @@ class Config(ConfigSection):
         why = f"which is infinitely far away where the principal points differ by doffs = {doffs_px.low:g} px"
         if not disparity.signed:
             why, others = "as disparity.signed is false", ("disparity.signed",)
-        for key, px in self._shown_px().items():
+        shown, width_px = self._shown_px(), self.camera.width_px
+        for key, px in shown.items():
             text = f"{key} goes down to {px.low:g} px: expected more than {least:g}, {why}"
             yield px.low <= least, text, (key, *others)
             text = f"{key} goes up to {px.high:g} px: expected at most {disparity.max_px:g}, the limit disparity.max_px"
             yield px.high > disparity.max_px, text, (key, "disparity.max_px")
+        # Pairs of a shorter baseline have smaller disparities, and the sky has that of infinity.
+        has_others = len(self.camera.baseline_ranges_m) > 1 or self.background.sky > 0 or not self.rig.is_rectified()
+        least_px = {"disparity.min_px": min(px.low for px in shown.values()), "disparity.max_px": -disparity.max_px}
+        for key, px in least_px.items():
+            text = f"no point is in both images if all disparities reach the width, {width_px} px"
+            hint = "is baseline_m in metres, and focal_px in pixels?"
+            yield not has_others and px >= width_px, f"{text}: {hint}", (key, "camera.width_px")
         least = -doffs_px.middle
         text = f"a target uniform in depth needs a min_px above {least:g}, which is infinitely far away for this camera"
         is_beyond = isinstance(disparity.target, UniformDepthTarget) and disparity.min_px <= least

@@ -106,6 +106,15 @@ def test_wrong_configs_are_refused(tmp_path, text, word):
     assert word in complaint(tmp_path, text)
 
 
+def test_a_range_in_which_no_point_is_in_both_images_is_refused(tmp_path):
+    path = written(tmp_path, MINIMAL)
+    beyond = ["disparity.min_px=64", "disparity.max_px=99"]
+    with pytest.raises(InputError, match=r"disparity\.min_px: no point is in both .* metres.*camera\.width_px of "):
+        load_config(path, beyond)
+    for seen in (["background.plane=1"], ["camera={baseline_m: null, baselines: [1, 9]}"], ["rig.right_roll_deg=2"]):
+        assert load_config(path, [*beyond, *seen])
+
+
 def test_unknown_names_get_the_nearest(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"no such config: midlebury; did you mean middlebury\?"):
         load_config("midlebury")
