@@ -24,6 +24,9 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.prepare import prepare_atlas
 
+# Beyond these values, units may be wrong: the view's width, disparity above that of infinity, and distance.
+_WIDEST_DEG, _LEAST_PX, _NEAREST_M = 150, 2, 0.01
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedConfig:
@@ -114,9 +117,9 @@ def calibrate(
     numbers = {"focal_px": focal_px, "baseline_m": baseline_m, "size": wanted}
     rig = _rig(files, numbers, most_common_size(of_rig, scale), about_files)
     check_sizes(of_rig, rig.size, scale)
-    rig, notes = rig.scaled(scale), [*rig.notes]
-    maps = map_files(names_of(disparity))
+    rig, maps = rig.scaled(scale), map_files(names_of(disparity))
     disparities = disparity_range(rig, maps, png_scale=png_scale, range_px=range_px, range_m=range_m)
+    notes = [*rig.notes, *_doubts(rig.camera, disparities.max_px)]
     try:
         # Raises if OpenCV is missing, or if a lens maps two directions of the rectified image to one pixel.
         for eye, raw in (rig.raw or {}).items():
@@ -139,8 +142,21 @@ def calibrate(
         draft = fit(draft, place.values, trials, listener or Listener())
     patches = counted(atlas.report.total("kept"), "patch")
     source = f"{len(photographs)}{', all grey' * grey}, which give {patches}"
-    config = draft.config()
-    return CalibratedConfig(config, draft.text(), _summary(draft, config, source), notes)
+    config, margin = draft.config(), " with a margin" * bool(maps)
+    return CalibratedConfig(config, draft.text(), _summary(draft, config, source, margin), notes)
+
+
+def _doubts(camera: StereoCamera, max_px: float) -> list[str]:
+    """Return sentences on values that may have wrong units."""
+    most_px, view_deg = max_px + camera.doffs_px, 2 * math.degrees(math.atan(camera.width_px / 2 / camera.focal_px))
+    near_m, lengths = camera.focal_baseline / most_px, "--baseline-m and --range-m are in metres; see --unit"
+    doubts = {
+        f"the view is {view_deg:.0f} degrees wide: --focal-px is in pixels": view_deg > _WIDEST_DEG,
+        f"the largest disparity, {max_px:.4g} px, exceeds the width: {lengths}": max_px > camera.width_px,
+        f"the largest disparity is {most_px:.2g} px above that of infinity: {lengths}": most_px < _LEAST_PX,
+        f"the smallest distance is {near_m:.2g} m: {lengths}": near_m < _NEAREST_M,
+    }
+    return [text for text, is_doubtful in doubts.items() if is_doubtful]
 
 
 def _rig(
@@ -162,7 +178,7 @@ def _rig(
     return RectifiedRig(camera, "the focal length, baseline and size given")
 
 
-def _summary(draft: ConfigDraft, config: Config, photographs: str) -> list[str]:
+def _summary(draft: ConfigDraft, config: Config, photographs: str, margin: str) -> list[str]:
     """Return lines about the disparities, photographs, scenes and textures of the config."""
     disparity = config.disparity
     totals_px = (px + draft.rig.camera.doffs_px for px in (disparity.max_px, disparity.min_px))
@@ -171,7 +187,7 @@ def _summary(draft: ConfigDraft, config: Config, photographs: str) -> list[str]:
     texels, blur_px = config.textures.texels_per_pixel, config.imperfections.blur_px.high
     mean_px = config.wanted_histogram().mean_px
     return [
-        f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {mean_px:.2f} px",
+        f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px{margin}, mean {mean_px:.2f} px",
         f"distance         {near_m:.3g} to {far_m:.3g} m",
         f"photographs      {photographs}",
         f"recipes          {', '.join(mix)}",

@@ -61,7 +61,8 @@ def read_rig(
         arrays.notes.append(f"images are taken to have {photographed} px, as the photographs have")
     known = stated or size or photographed
     if known is None:
-        raise InputError(f"{arrays.source}: does not say how large the images are: give their size", argument="size")
+        text = f"missing in {arrays.source}, and most photographs of these cameras have no common size: give it"
+        raise InputError(text, argument="size")
     return make_rig(arrays, known, alpha)
 
 

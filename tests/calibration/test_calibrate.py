@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from calibration_files import CAMERA, MIDDLEBURY, draft, plain_rig
 from config_texts import parse_config
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from photograph_like import noise, save
 from PIL import Image
@@ -86,6 +86,7 @@ def test_every_kind_of_scene_has_recipes_that_a_config_takes():
 )
 def test_scenes_of_any_range_meet_their_target(tmp_path_factory, most_px, width, size, view, baseline_m):
     """Ranges up to 0.5 to 700 px, from 1 % to 99 % of the largest disparity wide."""
+    assume(most_px * (1 - width) < size[0])
     folder = photographs(tmp_path_factory.mktemp("photos"), size=(300, 300))
     made = calibrate(
         folder,
@@ -156,7 +157,7 @@ def test_a_real_pair_becomes_a_config(program, tmp_path, monkeypatch):
     code, out, err = program(*given)
     assert (code, err) == (0, "")
     generate = "generate --config 'my rig.yaml' --out data/my-rig"
-    for said in ("mean 34.", "1.94 to 4.95 m", "1, which give 6 patches", generate):
+    for said in ("67.7 px with a margin, mean 34.", "1.94 to 4.95 m", "1, which give 6 patches", generate):
         assert said in out
     monkeypatch.chdir("/")  # paths are absolute
     config = load_config(tmp_path / "my rig.yaml")
@@ -172,6 +173,21 @@ def test_a_real_pair_becomes_a_config(program, tmp_path, monkeypatch):
 
     assert_refused(program(*given), "exists already")
     assert program(*given, "--overwrite")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "option"),
+    [
+        ({"focal_px": 4, "range_px": (3, 30)}, "--focal-px is in pixels"),
+        ({"range_px": (3, 301)}, "exceeds the width: --baseline-m and --range-m are in metres"),
+        ({"range_m": (800, 4000)}, "--range-m are in metres"),
+        ({"baseline_m": 1e-4, "range_px": (3, 30)}, "smallest distance is 0.001 m: --baseline-m"),
+    ],
+)
+def test_values_in_wrong_units_are_noted(tmp_path, given, option):
+    rig = {"focal_px": 300, "baseline_m": 0.1, "size": (300, 280), "trials": 0}
+    notes = calibrate(photographs(tmp_path, size=(300, 280)), **rig | given).notes
+    assert option in notes[0]
 
 
 @pytest.mark.parametrize(

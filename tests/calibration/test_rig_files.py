@@ -581,7 +581,7 @@ def test_units_are_concluded_or_given(tmp_path):
 
 def test_the_size_comes_from_the_file_the_user_or_the_photographs(tmp_path):
     files = {"stereo.yml": opencv(size=False)}
-    with pytest.raises(InputError, match="does not say how large the images are"):
+    with pytest.raises(InputError, match=r"size: missing in .*stereo.yml"):
         read(tmp_path, files)
     assert read(tmp_path, files, size=ImageSize(640, 480), photographed=ImageSize(700, 500)).size == (640, 480)
     assert read(tmp_path, files, photographed=ImageSize(700, 500)).size == (700, 500)
@@ -718,7 +718,7 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
         (m("342.279; 0 994.978 254.877", "342.279; 0 994.978 254.977"), "not rectified"),
         (m("baseline=193.001", "baseline=wide"), "baseline: expected a number, got 'wide'"),
         (m("width=741", "width=-3"), "-3 x 500"),
-        (m("width=741", f"width={'9' * 5000}"), "rig.txt: "),
+        (m("width=741", f"width={'9' * 5000}"), "missing in .*rig.txt"),
         (m("baseline=193.001", "baseline=1e300"), "baseline_m: "),
         (KITTI.replace("2.199936e+00", "2.2e+01"), "not rectified"),
         (KITTI.replace("S_rect_03: 1.242", "S_rect_03: 1.250"), "the same size for both cameras"),
