@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.inputs.errors import InputError, SkippedFile, counted
+from semisynth_gl.inputs.errors import InputError, SkippedFile, abbreviate, counted
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import Rectangle
 from semisynth_gl.textures.clips import VideoCrop, cut_clips, cut_crops, read_clip
@@ -85,6 +85,9 @@ def build_atlas(
     chosen = [crop for number in sorted(opened) for crop in opened[number].crops if crop.outcome == "kept"]
     if not chosen:
         given = counted(len(images) + len(painted), "image")
+        if images and len(skipped) == len(images) and not painted:
+            reasons = abbreviate([f"{each.path.name} {each.reason}" for each in report.images_skipped], 3)
+            raise InputError(f"none of {given} can be read: {reasons}")
         raise InputError(
             f"no patch can be cut from {given}: try different images, or smaller textures.patch_px, min_texture and "
             f"min_sharpness\n{report.summary()}"

@@ -42,7 +42,10 @@ class TextureSource:
 def _of_the_user(section: TexturesSection) -> Sequence[Path]:
     if not section.images:
         raise InputError("textures.source is images, but textures.images is empty: set it to your photographs")
-    return find_images(section.images)
+    try:
+        return find_images(section.images)
+    except InputError as error:
+        raise InputError(f"textures.images: {error}") from None
 
 
 _PACKAGED = TextureSource(

@@ -166,6 +166,8 @@ def test_nothing_left_is_an_error_with_reasons(tmp_path):
     (tmp_path / "text.png").write_text("no image")
     with pytest.raises(InputError) as caught:
         build([*paths, tmp_path / "text.png"])
+    with pytest.raises(InputError, match=r"none of 1 image can be read: text\.png is not an image[^\n]*$"):
+        build([tmp_path / "text.png"])
     for said in ("3 images", "4 flat", "min_texture", "1 smaller than 32", "text.png: is not an image"):
         assert said in str(caught.value)
 
