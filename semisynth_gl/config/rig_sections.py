@@ -82,7 +82,7 @@ class CameraSection(ConfigSection):
     cy_px: RangeField | None = None
     """y of both principal points; by default the centre, (height - 1) / 2"""
     doffs_px: RangeField | None = None
-    """cx_right - cx_left at the longest baseline; by default 0"""
+    """cx_right - cx_left at the longest baseline, in proportion at shorter ones; by default 0"""
     sway_m: NotNegativeRange = ZERO
     """amplitude of the rig's sway along each axis"""
     sway_deg: NotNegativeRange = ZERO
