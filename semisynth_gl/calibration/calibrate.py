@@ -140,8 +140,7 @@ def calibrate(
         from semisynth_gl.calibration.trial import fit  # noqa: PLC0415
 
         draft = fit(draft, place.values, trials, listener or Listener())
-    patches = counted(atlas.report.total("kept"), "patch")
-    source = f"{len(photographs)}{', all grey' * grey}, which give {patches}"
+    source = f"{len(photographs)}{', all grey' * grey}, which give {counted(atlas.report.total('kept'), 'patch')}"
     config, margin = draft.config(), " with a margin" * bool(maps)
     return CalibratedConfig(config, draft.text(), _summary(draft, config, source, margin), notes)
 

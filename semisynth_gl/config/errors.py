@@ -1,7 +1,5 @@
 """Messages on faults of a config: where the keys were set, what was expected, and what was found."""
 
-from collections.abc import Iterable
-
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -12,20 +10,17 @@ from semisynth_gl.config.model import RECIPE_KEYS
 from semisynth_gl.config.yaml_values import KeyPath
 from semisynth_gl.inputs.errors import did_you_mean, near, shown
 
-_MAPPING, _WHOLE = "expected keys and values", "expected a whole number"
 # Our words for pydantic's errors, by their type; braces stand for values of the error's context.
 _EXPECTED = {
     "bool_type": "expected true or false",
-    "dict_type": _MAPPING,
     "float_type": "expected a number",
     "greater_than": "expected more than {gt:g}",
     "greater_than_equal": "expected {ge:g} or more",
-    "int_from_float": _WHOLE,
-    "int_type": _WHOLE,
+    **dict.fromkeys(("int_from_float", "int_type"), "expected a whole number"),
     "less_than": "expected less than {lt:g}",
     "less_than_equal": "expected at most {le:g}",
     "literal_error": "expected {expected}",
-    "model_type": _MAPPING,
+    **dict.fromkeys(("dict_type", "model_type"), "expected keys and values"),
     "string_type": "expected a text",
     "tuple_type": "expected a list, such as [a, b]",
     "union_tag_invalid": "expected one of {expected_tags}",
@@ -73,7 +68,7 @@ def _line(fault: ErrorDetails, layer: ConfigLayer) -> str:
     return layer.message(reason, [(*recipe, *each) if holds(layer.values, (*recipe, *each)) else each for each in keys])
 
 
-def _hint(key: KeyPath, others: Iterable[str]) -> str:
+def _hint(key: KeyPath, others: tuple[str, ...]) -> str:
     """Return a "did you mean": similar keys of its section or of ``others``, and keys of this name elsewhere."""
     elsewhere = [each for each in config_keys() if each.rpartition(".")[2] == key[-1]]
     section = dotted(key[:-1])

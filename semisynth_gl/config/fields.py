@@ -98,9 +98,8 @@ def _parse_range(value: object) -> Range:
         return value
     ends = value if isinstance(value, (list, tuple)) else (value, value)
     if len(ends) != 2 or not all(map(is_number, ends)) or ends[0] > ends[1]:
-        too_large = any(isinstance(end, int | float) and not -LARGEST <= end <= LARGEST for end in ends)
-        limit = f", of at most {LARGEST:g}" * too_large
-        raise ValueError(f"expected a number or [low, high] with low <= high{limit}")
+        are_large = any(isinstance(end, int | float) and abs(end) > LARGEST for end in ends)
+        raise ValueError("expected a number or [low, high] with low <= high" + f", of at most {LARGEST:g}" * are_large)
     return Range(float(ends[0]), float(ends[1]))
 
 
@@ -109,7 +108,7 @@ def written_range(value: Range) -> float | list[float]:
     return value.low if value.low == value.high else [value.low, value.high]
 
 
-def _rule(holds: Callable[[Any], bool], expected: str) -> AfterValidator:
+def _rule(holds: Callable[[Any], object], expected: str) -> AfterValidator:
     def check(value: Any) -> Any:  # noqa: ANN401 - a validator of any type
         if not holds(value):
             raise ValueError(f"expected {expected}")
@@ -121,11 +120,6 @@ def _rule(holds: Callable[[Any], bool], expected: str) -> AfterValidator:
 def within(low: float, high: float = LARGEST) -> AfterValidator:
     """Return a validator of ranges that lie in the closed interval from ``low`` to ``high``."""
     return _rule(lambda value: low <= value.low and value.high <= high, f"{low:g} to {high:g}")
-
-
-def matching(pattern: str, expected: str) -> AfterValidator:
-    """Return a validator of texts that match a regular expression; messages call them ``expected``."""
-    return _rule(re.compile(pattern).fullmatch, expected)
 
 
 def one_of(names: Iterable[str]) -> AfterValidator:
@@ -142,9 +136,10 @@ NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 Weight = NotNegative
 Share = Annotated[float, Field(ge=0, le=1)]
-Name = Annotated[str, Field(max_length=100), matching("[A-Za-z0-9][A-Za-z0-9-]*", "letters, digits and hyphens")]
+_NAME = re.compile("[A-Za-z0-9][A-Za-z0-9-]*")
+Name = Annotated[str, Field(max_length=100), _rule(_NAME.fullmatch, "letters, digits and hyphens")]
 PluginName = Annotated[str, Field(min_length=1, max_length=100)]
-PathText = Annotated[str, matching(r"[^\x00]+", "a path")]
+PathText = Annotated[str, _rule(lambda text: text and "\0" not in text, "a path")]
 
 # A plain validator, since pydantic would otherwise build a schema of `Range` for each use, which is slow.
 RangeField = Annotated[Range, PlainValidator(_parse_range), PlainSerializer(written_range)]

@@ -107,16 +107,14 @@ def _read(path: Path, above: tuple[str, ...]) -> ConfigLayer:
         raise InputError(f"{file}: configs extend each other in a circle: {' -> '.join((*above, file))}")
     try:
         values, lines = read_yaml(read_file(path, MOST_BYTES).decode("utf-8"))
-    except UnicodeDecodeError:
-        raise InputError(f"{file}: cannot be read as a config: it is not text") from None
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read as a config: {error.strerror}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", "it is not text")
+        raise InputError(f"{file}: cannot be read as a config: {reason}") from None
     except YamlError as error:
         raise InputError(f"{file}{'' if error.line is None else f':{error.line}'}: {error}") from None
-    if values is None:
-        raise InputError(f"{file}: the file is empty: expected sections such as camera: and disparity:")
     if not isinstance(values, dict):
-        raise InputError(f"{file}:1: expected sections such as camera: and disparity:, got {shown(values)}")
+        found = "the file is empty" if values is None else f"got {shown(values)}"
+        raise InputError(f"{file}:1: expected sections such as camera: and disparity:, {found}")
     layer = ConfigLayer(values, {(): file} | {key: f"{file}:{line}" for key, line in lines.items()})
     base_name = values.get("extends")
     if base_name is None:

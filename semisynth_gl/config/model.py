@@ -28,7 +28,6 @@ from semisynth_gl.config.fields import (
     Range,
     Rule,
     Weight,
-    matching,
     one_of,
 )
 from semisynth_gl.config.layers import Values, merged
@@ -51,7 +50,7 @@ from semisynth_gl.config.scene_sections import (
     TexturesSection,
 )
 from semisynth_gl.config.yaml_values import KeyPath
-from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, DRAWN_OUTPUTS, OUTPUTS, TruthViews
+from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, DRAWN_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.plugins import Group
 
@@ -170,7 +169,7 @@ class Config(ConfigSection):
     ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``, ``raw``, ``raw_map``"""
     truth: TruthViews = "both"
     """views that get truth: ``both`` or ``left``"""
-    antialias: Annotated[str, matching(ANTIALIAS_PATTERN, "none, edges, or ssaa2 to ssaa8")] = "none"
+    antialias: Annotated[str, one_of(("none", "edges", *(f"ssaa{samples}" for samples in range(2, 9))))] = "none"
     """antialiasing of images: ``none``, ``edges``, or ``ssaa2`` to ``ssaa8``"""
 
     @model_validator(mode="before")
@@ -219,10 +218,10 @@ class Config(ConfigSection):
         # Pairs of a shorter baseline have smaller disparities, and the sky has that of infinity.
         has_others = len(self.camera.baseline_ranges_m) > 1 or self.background.sky > 0 or not self.rig.is_rectified()
         least_px = {"disparity.min_px": min(px.low for px in shown.values()), "disparity.max_px": -disparity.max_px}
-        for key, px in least_px.items():
+        for key, least in least_px.items():
             text = f"no point is in both images if all disparities reach the width, {width_px} px"
             hint = "is baseline_m in metres, and focal_px in pixels?"
-            yield not has_others and px >= width_px, f"{text}: {hint}", (key, "camera.width_px")
+            yield not has_others and least >= width_px, f"{text}: {hint}", (key, "camera.width_px")
         least = -doffs_px.middle
         text = f"a target uniform in depth needs a min_px above {least:g}, which is infinitely far away for this camera"
         is_beyond = isinstance(disparity.target, UniformDepthTarget) and disparity.min_px <= least

@@ -175,19 +175,16 @@ def test_a_real_pair_becomes_a_config(program, tmp_path, monkeypatch):
     assert program(*given, "--overwrite")[0] == 0
 
 
-@pytest.mark.parametrize(
-    ("given", "option"),
-    [
-        ({"focal_px": 4, "range_px": (3, 30)}, "--focal-px is in pixels"),
+def test_values_in_wrong_units_are_noted(tmp_path):
+    rig = {"focal_px": 300, "baseline_m": 0.1, "size": (300, 280), "range_px": (3, 30), "trials": 0}
+    folder = photographs(tmp_path, size=(300, 280))
+    for values, option in (
+        ({"focal_px": 4}, "--focal-px is in pixels"),
         ({"range_px": (3, 301)}, "exceeds the width: --baseline-m and --range-m are in metres"),
-        ({"range_m": (800, 4000)}, "--range-m are in metres"),
-        ({"baseline_m": 1e-4, "range_px": (3, 30)}, "smallest distance is 0.001 m: --baseline-m"),
-    ],
-)
-def test_values_in_wrong_units_are_noted(tmp_path, given, option):
-    rig = {"focal_px": 300, "baseline_m": 0.1, "size": (300, 280), "trials": 0}
-    notes = calibrate(photographs(tmp_path, size=(300, 280)), **rig | given).notes
-    assert option in notes[0]
+        ({"range_px": None, "range_m": (800, 4000)}, "--range-m are in metres"),
+        ({"baseline_m": 1e-4}, "smallest distance is 0.001 m: --baseline-m"),
+    ):
+        assert option in calibrate(folder, **rig | values).notes[0]
 
 
 @pytest.mark.parametrize(
