@@ -61,7 +61,7 @@ def read_rig(
         arrays.notes.append(f"images are taken to have {photographed} px, as the photographs have")
     known = stated or size or photographed
     if known is None:
-        text = f"missing in {arrays.source}, and most photographs of these cameras have no common size: give it"
+        text = f"missing in {arrays.source}, and the photographs of these cameras have no common size: give it"
         raise InputError(text, argument="size")
     return make_rig(arrays, known, alpha)
 

@@ -62,8 +62,8 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     "--size",
     callback=_size,
     metavar="WIDTHxHEIGHT",
-    help="Size of the images, such as 1280x720, if --calib lacks it; by default that of most photographs. "
-    "--other-camera and --focal-px need it.",
+    help="Size of the images, such as 1280x720, if --calib lacks it; by default that of most photographs, "
+    "except with --other-camera or --focal-px.",
 )
 @option("--scale", type=float, help="Size of the images relative to the calibrated size, such as 0.25.")
 @option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in --calib; by default the likeliest.")
