@@ -1,4 +1,4 @@
-"""Adapters for formats whose names the finder does not know: each renames the values."""
+"""Adapters for formats with names that `finder` does not know: each translates them to names that it knows."""
 
 from collections.abc import Callable, Mapping
 
@@ -120,8 +120,10 @@ def _chosen(sizes: Mapping[str, ImageSize], size: ImageSize | None) -> str:
     fitting = [mode for mode, own in sizes.items() if own == size or (size is None and len(sizes) == 1)]
     if fitting:
         return fitting[0]
-    got = "" if size is None else f", got {size}"
-    raise FormatError(f"is for images of {abbreviate([*map(str, sizes.values())])}{got}: choose one of these, --size")
+    if not sizes:
+        raise FormatError("has no mode that is known")
+    got = "" if size is None else f", not of {size}"
+    raise FormatError(f"is for images of {abbreviate([*map(str, sizes.values())])}{got}: give one of these, --size")
 
 
 def _array(tree: Tree, *name: str) -> Array:

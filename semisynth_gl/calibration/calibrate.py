@@ -9,7 +9,7 @@ from semisynth_gl.calibration.disparity_range import disparity_range
 from semisynth_gl.calibration.draft import ConfigDraft, describe
 from semisynth_gl.calibration.rig import RectifiedRig
 from semisynth_gl.calibration.rig_files import read_rig
-from semisynth_gl.calibration.sizes import ImageSize, check_sizes, most_common_size, photograph_sizes
+from semisynth_gl.calibration.sizes import ImageSize, check_sizes, majority_size, photograph_sizes
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import StereoCamera
@@ -115,7 +115,7 @@ def calibrate(
     of_rig = [] if other_camera else sizes
     about_files = {"unit": unit, "calib_keys": calib_keys or None, "cameras": cameras, "alpha": alpha}
     numbers = {"focal_px": focal_px, "baseline_m": baseline_m, "size": wanted}
-    rig = _rig(files, numbers, most_common_size(of_rig, scale), about_files)
+    rig = _rig(files, numbers, majority_size(of_rig, scale), about_files)
     check_sizes(of_rig, rig.size, scale)
     rig, maps = rig.scaled(scale), map_files(names_of(disparity))
     disparities = disparity_range(rig, maps, png_scale=png_scale, range_px=range_px, range_m=range_m)

@@ -16,16 +16,16 @@ from semisynth_gl.histogram import Histogram, count_pixels
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.place import read_map
 
-# The range lies between these quantiles: predictions and lidar have a few outliers.
+# The range follows from these quantiles: predictions and lidar have a few outliers.
 _LOWEST, _HIGHEST = 0.001, 0.999
-# Ratio of max_px to the largest measured disparity. The near plane is at max_px, and objects must not reach it.
+# Least ratio of max_px to the higher quantile. The near plane is at max_px, and objects must not reach it.
 _HEADROOM = 1.1
 # Maximum number of bins. Objects extend in depth, so scenes cannot match much narrower bins.
 _MOST_BINS = 22
 # Widths of bins, times a power of ten.
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 _LEAST_PX = _MOST_BINS * 1e-6  # minimum width of a range: a config's bins are at least 1e-6 px wide
-# The histogram over a given range has a uniform part of this share, and a hump with its peak at this fraction.
+# Over a given range, this share of the pixels is uniform. The others form a hump, with its peak at this fraction.
 _EVEN_PART, _HUMP = 0.25, 1 / 6
 # Width of the fine bins: narrow enough for quantiles, and it divides all widths of bins from 1 px on.
 _FINE_PX = 1 / 16
@@ -89,9 +89,9 @@ def measure_maps(paths: Sequence[Path], size: ImageSize, png_scale: float = KITT
         ratio = own.height_px / own.width_px * size.width_px / size.height_px
         if not (-np.inf < largest <= own.width_px and 1 / _MOST_RATIO <= ratio <= _MOST_RATIO):
             raise InputError(
-                f"{path}: has {own} pixels and disparities up to {largest:g} px: expected about the aspect ratio of "
-                f"the rig's images, {size}, and disparities above 0 and below the map's width. If a PNG does not have "
-                f"{png_scale:g} levels per pixel, give its scale"
+                f"{path}: has {own} pixels, and a largest disparity of {largest:g} px: expected about the aspect ratio "
+                f"of the rig's images, {size}, and disparities above 0 and below the map's width. If a PNG does not "
+                f"have {png_scale:g} levels per pixel, give its scale"
             )
         counts = count_pixels(disparity * np.float32(size.width_px / own.width_px), edges)
         shares += Histogram.from_counts(edges, counts).shares
@@ -101,7 +101,7 @@ def measure_maps(paths: Sequence[Path], size: ImageSize, png_scale: float = KITT
 def measured_range(histogram: Histogram, doffs_px: float = 0.0) -> DisparityRange:
     """Return the range of the disparities in a histogram with fine bins, such as that of `measure_maps`.
 
-    The range leaves out the lowest and the highest thousandth, and is extended by a tenth above the largest disparity.
+    It begins at the 0.001 quantile, rounded down, and ends at 1.1 times the 0.999 quantile, rounded up to whole bins.
     ``doffs_px`` is cx_right - cx_left. Raises InputError if the range reaches -doffs, the disparity of infinity.
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)

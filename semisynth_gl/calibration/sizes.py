@@ -30,9 +30,9 @@ class ImageSize(NamedTuple):
 
 
 def upright(size: ImageSize, matrices: Sequence[Array]) -> ImageSize:
-    """Return the size, with width and height swapped if the principal points of K or P fit only the swapped size.
+    """Return the size; width and height are swapped if the principal points of K or P fit only the swapped size.
 
-    They fit it if they are far from the centre of images of ``size``, and near the centre of swapped images.
+    Then a point is far from the centre of images of ``size``, and all are near the centre of swapped images.
     """
 
     def distance(sides: ImageSize) -> float:
@@ -52,7 +52,7 @@ def photograph_sizes(images: Sequence[Path]) -> list[ImageSize]:
     return sizes
 
 
-def most_common_size(photographs: Sequence[ImageSize], scale: float = 1.0) -> ImageSize | None:
+def majority_size(photographs: Sequence[ImageSize], scale: float = 1.0) -> ImageSize | None:
     """Return the size, divided by ``scale``, that more than half of the photographs have; None if no size does."""
     usual = (size for size, count in Counter(photographs).items() if 2 * count > len(photographs))
     return next((size.scaled(1 / scale) for size in usual), None)

@@ -35,18 +35,19 @@ _SURPLUS = 0.07
 Floats = NDArray[np.float64]
 
 
-def fit(draft: ConfigDraft, place: Values, pairs: int, listener: Listener) -> ConfigDraft:
-    """Render trial pairs, and return the draft with the weights, texture scale and blur that come nearest to a place.
+def fit(draft: ConfigDraft, reference: Values, pairs: int, listener: Listener) -> ConfigDraft:
+    """Render trial pairs, and return the draft with the weights, texture scale and blur nearest to ``reference``.
 
-    ``pairs`` pairs of each recipe are rendered with each of `TEXELS`, and each pair is measured with all `BLURS`.
-    ``place`` has the measures of the place's pictures at the `working_width`. The listener is told the number of trial
-    pairs, and each finished pair. Raises InputError if inputs cannot be used, and BackendError if OpenGL cannot.
+    About ``pairs`` pairs of each recipe are rendered with each of `TEXELS`, and each pair is measured with all `BLURS`.
+    ``reference`` has the measures of the user's photographs and maps at the `working_width`. The listener is told the
+    number of trial pairs, and each finished pair. Raises InputError if inputs cannot be used, and BackendError if
+    OpenGL cannot.
     """
     scenes, disparity, wanted = draft.sections["scenes"], {**draft.sections["disparity"]}, draft.disparity.target
     width_px = draft.rig.camera.width_px
     blur_scale = width_px / working_width(width_px)
     cells = {f"{scene['recipe']}-{k}": (r, k) for r, scene in enumerate(scenes) for k in range(len(TEXELS))}
-    # Recipes without layers state the target themselves: solving them for what the mix lacks would take long.
+    # Here, each recipe without layers gets the whole target. Solving it for what the mix lacks would take long.
     target = {"disparity": {"target": disparity.pop("target")}}
     own = [{} if "layers" in scene.get("particles", {}) else target for scene in scenes]
     tried = [
@@ -65,12 +66,12 @@ def fit(draft: ConfigDraft, place: Values, pairs: int, listener: Listener) -> Co
             if made.config.particles.layers is not None:
                 shares[cells[str(made.name)][0]] = sampler.disparity_solver.expected().rebinned(wanted.edges_px).shares
         for number in range(pairs * len(cells)):
-            # Skip the checks: scenes sampled again would have the same statistics.
+            # Without checks: the pairs that replace failed ones have the same statistics.
             pair = renderer.render(number, checked=False)
             recipe, scale = cells[pair.provenance["recipe"]]
-            trial[recipe][scale].append(_blurred(pair, width_px, blur_scale))
+            trial[recipe][scale].append(_measures_by_blur(pair, width_px, blur_scale))
             listener.on_pair()
-    weights, texels, blur = nearest_mix(trial, shares, wanted.shares, place)
+    weights, texels, blur = nearest_mix(trial, shares, wanted.shares, reference)
     weighed = zip(scenes, weights.tolist(), strict=True)
     look = {
         "scenes": [scene | {"weight": weight} for scene, weight in weighed if weight],
@@ -80,7 +81,7 @@ def fit(draft: ConfigDraft, place: Values, pairs: int, listener: Listener) -> Co
     return replace(draft, sections=rounded(draft.sections | look))
 
 
-def _blurred(pair: Pair, width_px: int, blur_scale: float) -> Floats:
+def _measures_by_blur(pair: Pair, width_px: int, blur_scale: float) -> Floats:
     """Return a trial pair's M measures with each of `BLURS`, (B, M); nan for a missing measure."""
     view, of_images = pair.frame.left, [measure for measure in MEASURES if measure.of_images]
     measured = make_view(working_width(width_px), view.image, view.disparity)
@@ -96,14 +97,14 @@ def _blurred(pair: Pair, width_px: int, blur_scale: float) -> Floats:
 
 
 def nearest_mix(
-    trial: Sequence[Sequence[Sequence[Floats]]], shares: Floats, wanted: Floats, place: Values
+    trial: Sequence[Sequence[Sequence[Floats]]], shares: Floats, wanted: Floats, reference: Values
 ) -> tuple[Floats, int, int]:
-    """Choose the mix whose pairs are expected to be nearest to a place, in standard deviations of its pictures.
+    """Choose the mix whose pairs are expected to be nearest to ``reference``, in its standard deviations.
 
     Returns the weights of R recipes, (R,) with a sum of 1, and the indices of the texture scale and the blur. The
-    weights are chosen by the distributions of the measures of disparity maps. Pixels in excess of the wanted histogram
-    also cost, since the solved recipes can only add pixels. Texture scale and blur are chosen by the means of the
-    measures of images.
+    weights are chosen by the distributions of the measures of disparity maps. More pixels in a bin than wanted also
+    cost, since solved recipes add pixels to bins and cannot remove any. Texture scale and blur are chosen by the means
+    of the measures of images.
 
     Args:
         trial: for each recipe (the last is clutter), each of `TEXELS` and each pair: (B, M), the M measures with each
@@ -111,25 +112,25 @@ def nearest_mix(
         shares: (R, K), expected share of each recipe's pixels in each of the K bins of the wanted histogram; 0 for
             recipes that are solved for what the other recipes lack.
         wanted: (K,), shares of the wanted histogram.
-        place: the measures of the place's pictures, at the working width.
+        reference: the measures of the user's photographs and maps, at the working width.
     """
     pairs = [[np.reshape(values, (-1, len(BLURS), len(MEASURES))) for values in of_recipe] for of_recipe in trial]
     # Measures of disparity maps do not depend on blur.
     maps = [np.concatenate([values[:, 0] for values in of_recipe]) for of_recipe in pairs]
-    pictured = [number for number, measure in enumerate(MEASURES) if place[measure.key].any()]
-    of_maps = [k for k in pictured if not MEASURES[k].of_images and all(np.isfinite(each[:, k]).any() for each in maps)]
+    usable = [number for number, measure in enumerate(MEASURES) if reference[measure.key].any()]
+    of_maps = [k for k in usable if not MEASURES[k].of_images and all(np.isfinite(each[:, k]).any() for each in maps)]
     weights = np.full(len(trial), 1 / len(trial))
     if of_maps:
         mixes = _mixes(len(trial))
-        apart = [_apart(mixes, [values[:, k] for values in maps], place[MEASURES[k].key]) for k in of_maps]
+        apart = [_distances(mixes, [values[:, k] for values in maps], reference[MEASURES[k].key]) for k in of_maps]
         surplus = np.maximum(mixes @ shares - wanted, 0).sum(axis=1) / _SURPLUS
-        far = _far(np.stack([*apart, surplus])) + _EVENNESS * (mixes**2).sum(axis=1)
+        far = _total_cost(np.stack([*apart, surplus])) + _EVENNESS * (mixes**2).sum(axis=1)
         weights = mixes[np.argmin(far)]
     looks = _mean([[_mean(values) for values in of_recipe] for of_recipe in pairs], weights)
-    of_looks = [k for k in pictured if np.isfinite(looks[..., k]).all() and MEASURES[k].of_images]
-    places = [place[MEASURES[k].key] for k in of_looks]
+    of_looks = [k for k in usable if np.isfinite(looks[..., k]).all() and MEASURES[k].of_images]
+    places = [reference[MEASURES[k].key] for k in of_looks]
     off = (looks[..., of_looks] - [values.mean() for values in places]) / [unit_of(values) for values in places]
-    texels, blur = map(int, np.unravel_index(np.argmin(_far(np.moveaxis(off, -1, 0))), looks.shape[:2]))
+    texels, blur = map(int, np.unravel_index(np.argmin(_total_cost(np.moveaxis(off, -1, 0))), looks.shape[:2]))
     return weights, texels, blur
 
 
@@ -140,11 +141,11 @@ def _mean(values: ArrayLike, weights: Floats | None = None) -> Floats:
     return means
 
 
-def _apart(mixes: Floats, tried: Sequence[Floats], pictures: Floats) -> Floats:
-    """Return the Wasserstein-1 distances, (N,), between a measure's distributions in N mixes and in the place.
+def _distances(mixes: Floats, tried: Sequence[Floats], pictures: Floats) -> Floats:
+    """Return the Wasserstein-1 distances, (N,), between a measure's distributions in N mixes and in the reference.
 
     ``mixes`` are weights (N, R) of recipes. ``tried`` has the measure for the trial pairs of each recipe, and
-    ``pictures`` for the pictures of the place; its `unit_of` is the unit of the distances.
+    ``pictures`` for the reference's pictures; its `unit_of` is the unit of the distances.
     """
     samples = [values[np.isfinite(values)] for values in (*tried, pictures)]
     # A mix's distribution function is the weighted mean of its recipes' functions.
@@ -154,7 +155,7 @@ def _apart(mixes: Floats, tried: Sequence[Floats], pictures: Floats) -> Floats:
     return apart
 
 
-def _far(off: Floats) -> Floats:
+def _total_cost(off: Floats) -> Floats:
     """Add costs along the first axis. Large costs grow linearly: with squares, one outlier would outweigh the rest."""
     far: Floats = (np.sqrt(1 + off**2) - 1).sum(axis=0)
     return far

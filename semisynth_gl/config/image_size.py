@@ -8,12 +8,12 @@ from semisynth_gl.config.layers import Values
 from semisynth_gl.config.model import Config
 
 # Keys that end in _px are in pixels of a pattern or a patch in these sections, and elsewhere in pixels of an image.
-_OF_PICTURES = ("projector", "textures")
+_OTHER_PIXELS = ("projector", "textures")
 _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px", "raw_width_px", "raw_height_px")
 _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height_px"}
 
-# Returns the new number for the name of its section, its key and the old number.
+# Called as change(section, key, number); returns the new number.
 Change = Callable[[str, str, float], float]
 
 
@@ -46,7 +46,7 @@ def scaled(values: Values, factor: float) -> Values:
     def at_scale(section: str, key: str, value: float) -> float:
         if key == _TEXELS:
             return value / factor
-        if section in _OF_PICTURES or not key.endswith("_px"):
+        if section in _OTHER_PIXELS or not key.endswith("_px"):
             return value
         if key in _SIDES:
             return max(round(value * factor), 1)

@@ -16,7 +16,7 @@ from semisynth_gl.judge.measured_view import make_view
 from semisynth_gl.judge.measures import MEASURES, measure_view
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.images import ImageError, read_image
-from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
+from semisynth_gl.textures.subjects import group_by_subject, of_subjects
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ def measure_place(
     """
     notes, subjects = list[str](), list[dict[str, float]]()
     measured = narrow = 0
-    for paths in photographed_subjects(photographs):
+    for paths in group_by_subject(photographs):
         pictures = []
         for path in paths:
             try:

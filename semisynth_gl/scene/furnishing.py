@@ -19,7 +19,7 @@ _STANDING: Final[Diameters] = {
     "blob": (0.5, 1.0), "cuboid": (0.4, 1.1), "cube": (0.4, 0.9), "cylinder": (0.4, 0.9),
     "capsule": (0.5, 0.9),
 }  # fmt: skip
-_FURNITURE: Final = {name: _STANDING[name] for name in ("table", "bookcase", "shelf", "cuboid", "cube")}
+_FLAT_TOPPED: Final = {name: _STANDING[name] for name in ("table", "bookcase", "shelf", "cuboid", "cube")}
 """Things with a flat top, on which small things can stand; half of the furniture is chosen from these kinds only."""
 _AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
 _SMALL: Final[Diameters] = {
@@ -106,7 +106,7 @@ def _on_floor(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> tuple[float, 
 def _add_standing(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> int | None:
     """Stand a piece of furniture where the floor is free; return its number if it has a flat top, else None."""
     rng = room.rng
-    picked = room.pick(_FURNITURE if rng.random() < 0.5 else _STANDING)
+    picked = room.pick(_FLAT_TOPPED if rng.random() < 0.5 else _STANDING)
     if picked is None:
         return None
     number, size = picked
@@ -125,7 +125,7 @@ def _add_standing(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> int | Non
         stood = room.stand(picked, (x, y, 0), yaw, stretch) if room.is_free(x, y, radius) else None
         if stood is not None:
             room.taken.append((x, y, radius))
-            return stood if name in _FURNITURE else None
+            return stood if name in _FLAT_TOPPED else None
     return None
 
 

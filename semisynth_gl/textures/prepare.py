@@ -20,7 +20,7 @@ from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import describe_source, open_source
-from semisynth_gl.textures.subjects import photographed_subjects
+from semisynth_gl.textures.subjects import group_by_subject
 
 # Maximum number of pictures that are kept in memory until large patches are cut from them.
 _REMEMBERED = 256
@@ -98,11 +98,11 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
     if not images or not split.held_out:
         return images
     if not section.sequence:
-        own = share_photographs(split, photographed_subjects(images), "photographs")
+        own = share_photographs(split, group_by_subject(images), "photographs")
         return [path for path in images if path in own]
     # Successive frames look much the same, so the first frame of a folder decides on the folder's subject.
     first = {path.parent: path for path in reversed(images)}
-    subjects = photographed_subjects([first[folder] for folder in sorted(first)])
+    subjects = group_by_subject([first[folder] for folder in sorted(first)])
     own = share_photographs(split, subjects, "folders of frames")
     return [path for path in images if first[path.parent] in own]
 

@@ -39,7 +39,7 @@ def subject_numbers(photographs: Sequence[Path]) -> list[int]:
     return [first.setdefault(_subject(path), number) for number, path in enumerate(photographs)]
 
 
-def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
+def group_by_subject(photographs: Sequence[Path]) -> list[list[Path]]:
     """Group photographs by subject; groups are in the order of their first members."""
     groups: dict[int, list[Path]] = defaultdict(list)
     for path, subject in zip(photographs, subject_numbers(photographs), strict=True):
@@ -59,7 +59,7 @@ def _subject(path: Path) -> str:
     if frame is not None and _KITTI_FOLDER.fullmatch(path.parent.name):
         stem = frame[1]
     camera = _CAMERA.sub(_MARK, stem)
-    # A name with nothing else in it, such as cam02, stays: it numbers the photographs of one camera.
+    # A name that is only a camera number, such as cam02, stays: such files are different photographs of one camera.
     if re.search(r"[^\W_]", camera):
         stem = camera
     parts = [

@@ -41,7 +41,7 @@ def test_maps_say_where_there_is_no_value(tmp_path):
     ("values", "words"),
     [
         (np.full((30, 40), np.nan), ["disparities above 0"]),
-        (np.full((30, 40), 512.0), ["up to 512 px", "256 levels per pixel"]),
+        (np.full((30, 40), 512.0), ["of 512 px", "256 levels per pixel"]),
         (np.ones((40, 30)), ["has 30 x 40 pixels", "40 x 30"]),
         (np.ones((15, 40)), ["has 40 x 15 pixels"]),
     ],

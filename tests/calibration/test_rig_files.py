@@ -551,9 +551,9 @@ def test_modes_are_chosen_by_the_size(tmp_path, files):
             check(rig, k=[np.diag([scale, scale, 1]) @ each for each in (K1, K2)], size=tuple(size))
         else:
             assert (rig.size, rig.camera.focal_px, rig.camera.baseline_m) == (size, size.width_px / 2, 0.0502)
-    with pytest.raises(ReadError, match="1280 x 720, 672 x 376: choose one of these, --size"):
+    with pytest.raises(ReadError, match="1280 x 720, 672 x 376: give one of these, --size"):
         read(tmp_path, files)
-    with pytest.raises(ReadError, match="got 320 x 240"):
+    with pytest.raises(ReadError, match="not of 320 x 240"):
         read(tmp_path, files, size=ImageSize(320, 240))
 
 

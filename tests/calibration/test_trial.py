@@ -120,7 +120,9 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
         return nullcontext(SimpleNamespace(sampler=samplers, render=render))
 
     monkeypatch.setattr(trial, "PairRenderer", renderer)
-    monkeypatch.setattr(trial, "_blurred", lambda pair, *_: np.full((len(BLURS), len(MEASURES)), float(pair.value)))
+    monkeypatch.setattr(
+        trial, "_measures_by_blur", lambda pair, *_: np.full((len(BLURS), len(MEASURES)), float(pair.value))
+    )
     mix = np.array([0.25, 0.75, *[0.0] * 3])
 
     def nearest(values, *_):

@@ -15,7 +15,7 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import SPLITS, Split
 from semisynth_gl.textures.prepare import prepare_atlas, share_photographs, split_images
-from semisynth_gl.textures.subjects import photographed_subjects, subject_numbers
+from semisynth_gl.textures.subjects import group_by_subject, subject_numbers
 
 HELD_OUT = {"validation": 0.1, "test": 0.1}
 
@@ -65,7 +65,7 @@ OTHERS = [
 @pytest.mark.parametrize("names", ONE_SUBJECT, ids=lambda names: names[0])
 def test_names_tell_views_of_one_subject(names):
     photographs = [Path("place") / name for name in ["other/IMG_7.png", *names]]
-    assert photographed_subjects(photographs) == [photographs[:1], photographs[1:]]
+    assert group_by_subject(photographs) == [photographs[:1], photographs[1:]]
     assert subject_numbers(photographs) == [0, *[1] * len(names)]
 
 
