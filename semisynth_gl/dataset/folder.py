@@ -7,7 +7,7 @@ import fcntl
 import shutil
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from upath import UPath
@@ -125,7 +125,8 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
     """Lock a dataset against other runs, also on other machines with the disk; the lock ends with the process.
 
     ``shared`` runs make different shards, and exclude only runs that are not shared. Object stores and some network
-    file systems have no locks. Raises InputError if a different run has locked the dataset.
+    file systems have no locks. If the last run ends without any other file, it removes the plan: the next run may have
+    different settings. Raises InputError if a different run has locked the dataset.
     """
     if not is_local(root):
         yield
@@ -152,6 +153,10 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
         finally:
             if (root / INDEX).exists():
                 path.unlink(missing_ok=True)
+            elif {each.name for each in (*root.iterdir(), *path.parent.iterdir())} == {RECORDS, "lock", "plan.json"}:
+                with suppress(OSError):
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    (root / PLAN).unlink()
 
 
 def _remove(root: UPath, plan: DatasetPlan) -> None:

@@ -1,7 +1,7 @@
 """The folder of a dataset: what is missing is made again, other people's files stay, one run works at a time."""
 
 import shutil
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from itertools import count
 from pathlib import Path
 
@@ -87,6 +87,16 @@ def test_the_lock_file_of_a_finished_dataset_goes_with_an_error_too(clean, tmp_p
     with suppress(Killed), locked(open_root(folder)):
         raise Killed
     assert tree(folder) == tree(clean / "middlebury")
+
+
+@pytest.mark.parametrize("others", [False, True])
+def test_a_run_that_makes_nothing_leaves_no_plan_unless_others_are_at_work(tmp_path, others):
+    root = open_root(tmp_path)
+    with locked(root, shared=True) if others else nullcontext():
+        with suppress(Killed), locked(root, shared=True):
+            begin(root, plan_of("middlebury", PAIRS, 2)[0])
+            raise Killed
+        assert (read_plan(root) is not None) == others
 
 
 @pytest.mark.parametrize(
