@@ -18,7 +18,7 @@ from semisynth_gl.dataset.index import encode_card, index_values
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
 from semisynth_gl.dataset.root import explained_errors, is_local, names_below, read_if_there, replace, shown_path, write
-from semisynth_gl.inputs.errors import InputError, abbreviate
+from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.scene.sources import SceneSources
 from semisynth_gl.seeds.splits import SplitName
 
@@ -56,18 +56,28 @@ def check_resumable(root: UPath, there: DatasetPlan, plan: DatasetPlan) -> None:
 
     The digests of patches and models are compared only if ``plan`` has them.
     """
-    keys = ("version", "config_values", "seed", "layout", "shard_pairs", "plugins")
-    old, new = ({key: values.get(key, {}) for key in keys} for values in (there.values(), plan.values()))
-    pairs = {name: max(plan.pairs.get(name, 0), count) for name, count in there.pairs.items()}
-    changed = differences(old, new) + differences({"pairs": pairs}, {"pairs": plan.pairs})
+    old, new = there.values(), plan.values()
+    if there.layout_name != plan.layout_name:
+        old["config_values"] |= {"outputs": new["config_values"]["outputs"]}  # a layout adds those that it needs
+    keys = ("version", "seed", "layout", "shard_pairs", "plugins")
+    changed = differences({key: old.get(key, {}) for key in keys}, {key: new.get(key, {}) for key in keys})
+    changed += differences(old["config_values"], new["config_values"])
+    changed += [f"{split} (no pairs there)" for split in plan.pairs if split not in there.pairs]
     if plan.sources:
         changed += differences(there.sources, plan.sources, "photographs or models: ")
     if changed:
         raise InputError(
             f"{root}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give the same, or more "
-            "pairs, to go on with it; or choose another folder, or replace the dataset with overwrite",
+            "pairs, to go on with it; or choose another folder, or replace the dataset with --overwrite",
             argument="out",
         )
+    for split, count in there.pairs.items():
+        if (given := plan.pairs.get(split, 0)) < count:
+            raise InputError(
+                f"expected at least the {counted(count, 'pair')} in {root}, got {given}: a dataset cannot shrink; or "
+                "choose another folder, or replace the dataset with --overwrite",
+                argument="pairs" if split == "train" else split,
+            )
 
 
 def begin(root: UPath, plan: DatasetPlan, *, overwrite: bool = False) -> None:

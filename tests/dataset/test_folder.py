@@ -71,7 +71,7 @@ def test_a_dataset_grows_to_what_a_larger_one_is(clean, tmp_path, layout, before
     write(tmp_path / "set", layout, {"train": before, "validation": 1})
     assert write(tmp_path / "set", layout) == made
     assert tree(tmp_path / "set") == tree(clean / layout)
-    with pytest.raises(InputError, match=r"pairs\.train \(4 there, 2 now\)"):
+    with pytest.raises(InputError, match=r"^pairs: expected at least the 4 pairs .*got 2: .*cannot shrink"):
         write(tmp_path / "set", layout, {"train": 2, "validation": 1})
     assert tree(tmp_path / "set") == tree(clean / layout)
 
@@ -103,10 +103,11 @@ def test_a_run_that_makes_nothing_leaves_no_plan_unless_others_are_at_work(tmp_p
     ("change", "said"),
     [
         ({"seed": 4}, "seed"),
-        ({"config": config_of(outputs=[])}, "config_values.outputs"),
-        ({"layout": "webdataset"}, "layout"),
+        ({"config": config_of(outputs=[])}, r": outputs \(\['visibility'\] there, \[\] now\)\. "),
+        ({"layout": "kitti"}, r": layout \('middlebury' there, 'kitti' now\)\. .* --overwrite"),
         ({"shard_pairs": 1}, "shard_pairs"),
-        ({"pairs": {"train": 4}}, "pairs.validation"),
+        ({"pairs": {"train": 4}}, "validation"),
+        ({"pairs": PAIRS | {"test": 1}}, r"test \(no pairs there\)"),
         ({"level": 9}, "photographs or models"),
         ({"version": "9.0"}, r"version \(.* there, '9\.0' now\)"),
     ],
