@@ -13,6 +13,7 @@ from semisynth_gl.inputs.errors import SemisynthError
 
 # Exit code of wrong input, and of a run that was stopped or filled the disk: the same command resumes it.
 _REFUSED = 2
+_STAYS = "Complete files and shards stay on disk; the same command continues."
 
 _COMMANDS = ("bench", "calibrate", "configs", "doctor", "evaluate", "generate", "preview", "report", "verify")
 
@@ -57,7 +58,7 @@ def _run() -> int:
         error.show()
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):  # click turns the second into the first
-        click.echo("Stopped. Complete files and shards stay on disk; the same command continues.", err=True)
+        click.echo(f"Stopped. {_STAYS}", err=True)
         return _REFUSED
     except MemoryError:
         text = "the memory is full. Use fewer --workers, smaller images or patches, or fewer models and particles."
@@ -65,7 +66,8 @@ def _run() -> int:
         text = str(error)
     except OSError as error:
         file = f"{error.filename}: " if error.filename else ""
-        advice = " Free some space, or choose another folder with --out." if error.errno == errno.ENOSPC else ""
+        full = error.errno == errno.ENOSPC
+        advice = f" Free some space, or choose another folder with --out. {_STAYS}" if full else ""
         text = f"{file}{error.strerror or error}.{advice}"
     click.echo(f"Error: {text}", err=True)
     return _REFUSED

@@ -136,7 +136,8 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
 
     ``shared`` runs make different shards, and exclude only runs that are not shared. Object stores and some network
     file systems have no locks. If the last run ends without any other file, it removes the plan: the next run may have
-    different settings. Raises InputError if a different run has locked the dataset.
+    different settings. Raises InputError if a different run has locked the dataset; an OSError without a file name
+    gets the dataset's folder.
     """
     if not is_local(root):
         yield
@@ -160,6 +161,9 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
             pass
         try:
             yield
+        except OSError as error:
+            error.filename = error.filename or str(root)
+            raise
         finally:
             if (root / INDEX).exists():
                 path.unlink(missing_ok=True)

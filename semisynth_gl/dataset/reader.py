@@ -11,7 +11,7 @@ from semisynth_gl.dataset.documents import INDEX, PLAN, DatasetIndex, DatasetPla
 from semisynth_gl.dataset.root import open_root, read_if_there, read_part, read_whole, shown_path
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.inputs.arguments import to_whole
-from semisynth_gl.inputs.errors import InputError, ReadError, shown
+from semisynth_gl.inputs.errors import InputError, ReadError, counted, shown
 from semisynth_gl.seeds.splits import SplitName
 
 # Maximum number of records of tars in memory; those of a million pairs would fill it.
@@ -53,8 +53,16 @@ def read_index(address: str | PathLike[str]) -> StoredIndex:
     for name, model in ((INDEX, DatasetIndex), (PLAN, DatasetPlan)):
         data = read_if_there(root, name)
         if data is not None:
-            return StoredIndex(address, parse(model, data, shown_path(root, name)))
-    raise InputError(f"{address}: not a dataset: there is no such folder, or it has neither {INDEX} nor {PLAN}")
+            try:
+                return StoredIndex(address, parse(model, data, shown_path(root, name)))
+            except ReadError as error:
+                remedy = "; remove it and run generate again" if name == INDEX and (root / PLAN).exists() else ""
+                raise ReadError(error.path, error.reason + remedy) from None
+    if not root.exists():
+        raise InputError(f"{address}: not a dataset: there is no such folder")
+    above = [each for each in root.absolute().parents if (each / PLAN).exists()]
+    hint = f": give its dataset's folder, {above[0]}" if above else ""
+    raise InputError(f"{address}: not a dataset: it has neither {INDEX} nor {PLAN}{hint}")
 
 
 class Dataset:
@@ -106,12 +114,13 @@ class Dataset:
 
         Raises IndexError if the dataset has fewer pairs, and InputError if the number is not a whole number.
         """
-        position = range(len(self))[to_whole("the number of a pair", number)]
+        position = to_whole("the number of a pair", number)
+        position += len(self) if position < 0 else 0
         for split, count in self._counts.items():
-            if position < count:
+            if 0 <= position < count:
                 return split, position
             position -= count
-        raise IndexError(number)
+        raise IndexError(f"{self.about.address}: expected one of {counted(len(self), 'pair')}, got number {number}")
 
     def _record(self, shard: Shard) -> ShardRecord:
         if shard not in self._records:

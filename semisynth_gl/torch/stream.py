@@ -13,7 +13,7 @@ from semisynth_gl.dataset.engines import THREADS, threads_each
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_whole
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
@@ -101,7 +101,10 @@ class StereoStream(PairDataset):
             IndexError: if the stream has fewer pairs.
             BackendError: if OpenGL cannot be used.
         """
-        index = range(self._pairs)[to_whole("number", number)]
+        index = to_whole("number", number)
+        if not -self._pairs <= index < self._pairs:
+            raise IndexError(f"expected one of {counted(self._pairs, 'pair')}, got number {index}")
+        index %= self._pairs
 
         def render(crop: Crop | None) -> Frame:
             return self._opened().render(index, crop=crop, checked=self._checked).frame

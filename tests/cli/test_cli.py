@@ -134,7 +134,7 @@ def test_a_stopped_run_says_so_and_leaves_no_index(program, monkeypatch, tmp_pat
     ("error", "said"),
     [
         (MemoryError(), "the memory is full"),
-        (OSError(28, "No space left on device", "x.png"), "x.png: No space left on device"),
+        (OSError(28, "No space left on device", "x.png"), "x.png: No space left on device. Free"),
         (KeyboardInterrupt(), "Stopped."),
         (click.UsageError("no such option"), "no such option"),
     ],

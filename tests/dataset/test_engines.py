@@ -185,7 +185,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, ({largest // 2}, {largest // 2}))
 runpy.run_module("semisynth_gl", run_name="__main__", alter_sys=True)
 """
-    assert_refused(run_python("-c", limit, *command(config, out, layout)[3:]), "File too large")
+    assert_refused(run_python("-c", limit, *command(config, out, layout)[3:]), out, "File too large")
     assert (out / SHARD.format(0)).exists()
     _, pairs, _ = run(config, out, layout=layout)
     assert pairs <= PAIRS - 3

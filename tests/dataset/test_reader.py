@@ -24,9 +24,13 @@ PAIRS, READS = 8, 100
 
 def test_what_is_no_dataset_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    for path in (tmp_path / "none", tmp_path / "file", tmp_path):
-        with pytest.raises(InputError, match="not a dataset"):
-            read_index(path)
+    write_dataset(tmp_path / "set", "eth3d", {"train": 1}, 1)
+    for path, said in (("none", "no such folder"), ("file", "neither"), ("", "neither"), ("set/shards", "set$")):
+        with pytest.raises(InputError, match=f"not a dataset: .*{said}"):
+            read_index(tmp_path / path)
+    (tmp_path / "set/index.json").write_text("{")
+    with pytest.raises(ReadError, match=r"index\.json: is not JSON.*remove it"):
+        read_index(tmp_path / "set")
     (tmp_path / "index.json").write_text(json.dumps({"program": "another"}))
     with pytest.raises(ReadError, match=r"index\.json: program: .*'another'"):
         read_index(tmp_path)

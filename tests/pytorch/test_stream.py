@@ -104,7 +104,7 @@ def test_a_renderer_opens_for_the_first_sample_and_closes_when_told(backend, mon
     assert torch.equal(stream[3]["left"], first)
     # Neither the renderer nor its atlas goes to a worker.
     assert len(pickle.dumps(stream)) < 10_000
-    with pytest.raises(IndexError):
+    with pytest.raises(IndexError, match="5 pairs, got number 5"):
         stream[5]
 
 
