@@ -9,7 +9,7 @@ import click
 from semisynth_gl.cli.options import COUNT, NATURAL, Command, option
 from semisynth_gl.cli.outputs import OutputFileType, write_json
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.inputs.errors import counted
+from semisynth_gl.inputs.errors import abbreviate, counted
 from semisynth_gl.judge.verify import RAYED_PAIRS, Verification
 from semisynth_gl.judge.verify import verify as verify_dataset
 
@@ -42,6 +42,9 @@ def verify(directory: str, json_file: Path | None, rays: int | None, pixels: int
         click.echo(f"note: no rays: {found.no_rays}", err=True)
     if found.findings:
         click.echo(f"{counted(len(found.findings), 'finding')} in {counted(found.pairs, 'pair')}", err=True)
+        if found.remove:
+            names = abbreviate([f"{directory.rstrip('/')}/{name}" for name in found.remove])
+            click.echo(f"To make missing and changed files again, remove {names}; then run generate again.", err=True)
         click.get_current_context().exit(1)
     click.echo(_summary(found, seconds))
 

@@ -35,7 +35,7 @@ def check_index(index: StoredIndex, verdict: Verdict) -> None:
     links = {name for name in plan.links if is_local(root) and (root / name).is_symlink()}
     if foreign := sorted(present - (_ABOUT | {LOCK} | plan.lists.keys() | shards | links)):
         files = counted(len(foreign), "file")
-        verdict.add("files", f"{files} that the index does not list, and loaders may read as a pair's: {foreign[0]}")
+        verdict.add("foreign", f"{files} that the index does not list, and loaders may read as a pair's: {foreign[0]}")
     for name in sorted(_ABOUT - present):
         verdict.add("files", f"{name} is missing")
     for name, expected in plan.lists.items():

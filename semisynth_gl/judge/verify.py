@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.dataset.documents import DatasetIndex
+from semisynth_gl.dataset.documents import INDEX, DatasetIndex
 from semisynth_gl.dataset.reader import StoredIndex, read_index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
@@ -28,6 +28,8 @@ from semisynth_gl.seeds.splits import SplitName
 
 RAYED_PAIRS = 4
 """Default number of pairs that are compared with rays."""
+# Checks whose findings are about files that `generate` can make again.
+_REMADE = {"index", "shard", "files", "sha256", "size"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +40,13 @@ class Verification:
         pairs: number of pairs of the dataset.
         verdicts: the verdict on the dataset as a whole, and then one for each pair.
         no_rays: why `verify` could not cast rays; None if it cast rays, or the caller asked for none.
+        remove: the index, and records of shards: without them, `generate` makes missing and changed files again.
     """
 
     pairs: int
     verdicts: Sequence[Verdict]
     no_rays: str | None = None
+    remove: Sequence[str] = ()
 
     @property
     def findings(self) -> list[Finding]:
@@ -50,10 +54,11 @@ class Verification:
         return [finding for verdict in self.verdicts for finding in verdict.findings]
 
     def values(self) -> dict[str, Any]:
-        """Return the content of ``semisynth-gl verify --json``: ``pairs``, ``findings``, and ``measures`` by scene."""
+        """Return the content of ``verify --json``: ``pairs``, ``findings``, ``remove``, and ``measures`` by scene."""
         return {
             "pairs": self.pairs,
             "findings": [asdict(finding) for finding in self.findings],
+            "remove": [*self.remove],
             "measures": {verdict.scene: verdict.measures for verdict in self.verdicts if verdict.measures},
         }
 
@@ -90,6 +95,7 @@ def verify(
     rayed, scenes, no_rays = _scenes_for_rays(index, made, rays)
     verdicts, recent = [Verdict(DATASET)], deque[StoredFrame | None](maxlen=made.views)
     check_index(index, verdicts[0])
+    remove = [INDEX for finding in verdicts[0].findings if finding.check in _REMADE]
     for finding in verdicts[0].findings:
         on_finding(finding)
     listener.on_total(sum(made.pairs.values()))
@@ -109,10 +115,11 @@ def verify(
                     check_rays(frame, scenes[shard.split], pixels, verdict)
             recent.append(frame)
             verdicts.append(verdict)
+            remove += [shard.record for finding in verdict.findings if finding.check in _REMADE]
             for finding in verdict.findings:
                 on_finding(finding)
             listener.on_pair()
-    return Verification(len(verdicts) - 1, verdicts, no_rays)
+    return Verification(len(verdicts) - 1, verdicts, no_rays, [*dict.fromkeys(remove)])
 
 
 def _scenes_for_rays(

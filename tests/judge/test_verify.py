@@ -221,7 +221,9 @@ def test_files_and_lists_that_mislead_are_found(dataset):
     shutil.copy(scene / "disp0GT.pfm", scene / "disp0other.pfm")
     shutil.copytree(scene, dataset / SCENES / "middlebury-000009")
     (dataset / "MiddEval3" / "official_train.txt").write_text("middlebury-000000\nmiddlebury-000002\n")
-    foreign, listed = findings(dataset)
+    found = verified(dataset)
+    (foreign, listed), remove = found.findings, found.remove
+    assert remove == ["index.json"]
     number = 2 + len(list(scene.iterdir())) - 1
     assert foreign.message.startswith(f"{number} files that the index does not list")
     assert foreign.message.endswith(f"{ONE}/disp0other.pfm")
@@ -317,6 +319,7 @@ def test_the_command_tells_what_it_found(program, dataset, tmp_path):
     assert (code, out) == (1, f"{ONE}: files: {SCENES}/{ONE}/im0.png is missing\n")
     assert "1 finding in 3 pairs" in err
     report = json.loads((tmp_path / "report.json").read_text())
+    assert f"remove {dataset}/{report['remove'][0]}; then run generate again" in err
     assert report["findings"] == [{"scene": ONE, "check": "files", "message": out.split(": ")[2].strip()}]
     assert report["measures"]["middlebury-000000"]["visibility_left_disagree_share"] < 0.01
 
