@@ -60,12 +60,16 @@ def evaluate(
         are not finite are None.
 
     Raises:
-        InputError: where a folder or a protocol does not exist, names or sizes do not fit, or predictions are missing.
+        InputError: where a folder or a protocol does not exist, names or sizes do not fit, or predictions are missing
+            or the truth's own files.
         ReadError: where a file cannot be read.
     """
     folder, true_set = expanded(fspath(predictions)), find_truth(fspath(truth), split)
     rules = find_protocol(true_set.protocol if protocol is None else protocol)
     files = find_predictions(folder, true_set.pairs)
+    for path, pair in zip(files, true_set.pairs, strict=True):
+        if path.resolve() == Path(pair.source).resolve():
+            raise InputError(f"{path}: is the truth's own file, not a prediction", argument="predictions")
     if maps is not None and expanded(fspath(maps)).resolve() in (folder.resolve(), expanded(fspath(truth)).resolve()):
         raise InputError(f"{maps}: has predictions or truth; choose a different folder", argument="maps")
     regions: dict[str, dict[str, Sums]] = {}

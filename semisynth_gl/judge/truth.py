@@ -14,7 +14,7 @@ import numpy as np
 from semisynth_gl.codecs import read_bytes
 from semisynth_gl.codecs.calib import calib_values
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
-from semisynth_gl.codecs.png import GREY8
+from semisynth_gl.codecs.png import GREY8, GREY16
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
 from semisynth_gl.dataset.documents import INDEX, PLAN
 from semisynth_gl.dataset.reader import Dataset, open_dataset
@@ -90,6 +90,7 @@ def find_predictions(folder: Path, pairs: Sequence[PairTruth]) -> list[Path]:
 
     Raises:
         InputError: where the folder does not exist, or a pair has several predictions or none.
+        ReadError: where a pair has only a picture of another kind.
     """
     files: dict[str, list[Path]] = {}
     for path in disparity_maps(folder, "predictions"):
@@ -106,9 +107,15 @@ def find_predictions(folder: Path, pairs: Sequence[PairTruth]) -> list[Path]:
         found += paths
         missing += [] if paths else [pair.name]
     if missing:
+        there = [path for path in _files(folder, "*.*") if path.suffix.lower() in MAP_EXTENSIONS]
+        keys = {key for pair in pairs if pair.name in missing for key in pair.keys}
+        for path in there:
+            if _keys(path.relative_to(folder))[0] in keys and not is_disparity_map(path):
+                GREY16.read(path)  # says what the picture is instead
+        spare = next((f"; {path.relative_to(folder)} fits no pair" for path in there if path not in found), "")
         raise InputError(
             f"{folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {abbreviate(missing)}: "
-            f"expected {missing[0]}.pfm, .npy or 16-bit .png",
+            f"expected {missing[0]}.pfm, .npy or 16-bit .png{spare}",
             argument="predictions",
         )
     return found

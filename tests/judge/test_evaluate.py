@@ -95,14 +95,18 @@ def test_truth_plus_one_is_one_off_in_every_split(run, middlebury, tmp_path, ext
 
 
 @pytest.mark.parametrize("layout", ["middlebury", "kitti", "crestereo", "webdataset"])
-def test_the_truth_itself_is_without_error(request, tmp_path_factory, layout):
+def test_a_copy_of_the_truth_is_without_error(request, tmp_path, tmp_path_factory, layout):
     if layout in ("middlebury", "kitti"):
-        pred = dataset = request.getfixturevalue(layout)
+        dataset = request.getfixturevalue(layout)
     else:
-        pred = dataset = dataset_of(layout, tmp_path_factory, {"train": 1})
+        dataset = dataset_of(layout, tmp_path_factory, {"train": 1})
+    pred = tmp_path / "pred"
     if layout == "webdataset":
-        pred = tmp_path_factory.mktemp("pred")
         save(pred / f"{open_dataset(dataset)[0].name}.pfm", open_dataset(dataset)[0].left.disparity)
+    else:
+        shutil.copytree(dataset, pred)
+        with pytest.raises(InputError, match="the truth's own file"):
+            evaluate(dataset, dataset)
     found = evaluate(pred, dataset)
     assert found["protocol"] == ("kitti" if layout == "kitti" else "middlebury")
     for figures in found["mean"].values():
@@ -248,8 +252,11 @@ def test_of_many_pairs_the_ten_worst_have_a_row(run, tmp_path, protocol):
 
 def test_missing_predictions_are_named(three):
     pred, gt = three
-    (pred / "b.pfm").unlink()
-    with pytest.raises(InputError, match="no prediction for 1 of 3 pairs: b: "):
+    (pred / "b.pfm").rename(pred / "left_b.pfm")
+    with pytest.raises(InputError, match=r"no prediction for 1 of 3 pairs: b: .*left_b\.pfm"):
+        evaluate(pred, gt)
+    (pred / "b.png").write_bytes(GREY8.encode(np.ones(SHAPE, np.uint8)))
+    with pytest.raises(ReadError, match=r"b\.png: expected 16-bit grey, got 8-bit grey"):
         evaluate(pred, gt)
 
 
