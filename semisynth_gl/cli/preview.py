@@ -74,8 +74,9 @@ def preview(
     click.echo(f"{counted(len(shown), 'pair')} in {out}")
     for recipe, its in zip(recipes, of_recipe, strict=True):
         if recipe.name is not None:
-            listed = ", ".join(str(pair.index) for pair in its) or "none"
-            click.echo(f"{recipe.name}, {recipe.share:.0%} of the scenes: pairs shown {listed}")
+            listed = ", ".join(str(pair.index) for pair in its)
+            seen = f"shown as {'pair' if len(its) == 1 else 'pairs'} {listed}" if its else "not shown"
+            click.echo(f"{recipe.name}, {recipe.share:.0%} of the scenes: {seen}")
     click.echo(
         f"over many pairs, disparities are expected to have a total variation of "
         f"{total_variation(expected, target):.3f} from the target, and a Wasserstein-1 distance of "

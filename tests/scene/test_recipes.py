@@ -83,7 +83,7 @@ def test_a_preview_shows_each_recipe_and_says_what_it_is(program, tmp_path):
     code, out, err = program("preview", "--config", path, "--out", "sheet.png")
     assert code == 0, err
     assert "4 pairs in sheet.png\n" in out
-    said = re.findall(r"^(\w+), (\d+)% of the scenes: pairs shown ([\d, ]+)$", out, re.MULTILINE)
+    said = re.findall(r"^(\w+), (\d+)% of the scenes: shown as pairs? ([\d, ]+)$", out, re.MULTILINE)
     assert [(name, share) for name, share, _ in said] == [("plain", "33"), ("walls", "33"), ("solids", "33")]
     shown = sorted(int(index) for *_, indices in said for index in indices.split(", "))
     assert shown == sampler_of(mixed(small()), seed=0).overview(4)
