@@ -106,7 +106,8 @@ def generate(
     missing shards. With more --pairs, the dataset grows.
 
     The layout decides which loaders can read the files; docs/output.md lists all layouts. In the
-    config, the section "files" chooses encodings, and "sequence" makes the sequences that outputs of flow need.
+    config, the section "files" chooses encodings. Flow leads to the next frame, which is a pair of the
+    dataset only if sequence.length is 2 or more.
     """
     # Imported here: help and completion need no renderer.
     from semisynth_gl.dataset.generate import generate as generate_dataset  # noqa: PLC0415
