@@ -58,11 +58,9 @@ def read_index(address: str | PathLike[str]) -> StoredIndex:
             except ReadError as error:
                 remedy = "; remove it and run generate again" if name == INDEX and (root / PLAN).exists() else ""
                 raise ReadError(error.path, error.reason + remedy) from None
-    if not root.exists():
-        raise InputError(f"{address}: not a dataset: there is no such folder")
-    above = [each for each in root.absolute().parents if (each / PLAN).exists()]
-    hint = f": give its dataset's folder, {above[0]}" if above else ""
-    raise InputError(f"{address}: not a dataset: it has neither {INDEX} nor {PLAN}{hint}")
+    above = [f": give its dataset's folder, {each}" for each in root.absolute().parents if (each / PLAN).exists()]
+    fault = f"it has neither {INDEX} nor {PLAN}{''.join(above[:1])}" if root.exists() else "there is no such folder"
+    raise InputError(f"{address}: not a dataset: {fault}")
 
 
 class Dataset:

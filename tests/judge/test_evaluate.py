@@ -95,12 +95,8 @@ def test_truth_plus_one_is_one_off_in_every_split(run, middlebury, tmp_path, ext
 
 
 @pytest.mark.parametrize("layout", ["middlebury", "kitti", "crestereo", "webdataset"])
-def test_a_copy_of_the_truth_is_without_error(request, tmp_path, tmp_path_factory, layout):
-    if layout in ("middlebury", "kitti"):
-        dataset = request.getfixturevalue(layout)
-    else:
-        dataset = dataset_of(layout, tmp_path_factory, {"train": 1})
-    pred = tmp_path / "pred"
+def test_a_copy_of_the_truth_is_without_error(tmp_path, tmp_path_factory, layout):
+    dataset, pred = dataset_of(layout, tmp_path_factory, {"train": 1}), tmp_path / "pred"
     if layout == "webdataset":
         save(pred / f"{open_dataset(dataset)[0].name}.pfm", open_dataset(dataset)[0].left.disparity)
     else:
