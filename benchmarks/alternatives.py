@@ -28,7 +28,7 @@ from semisynth_gl.bench.summary import error_stats, headline, machine_facts, mar
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import as_rgb
-from semisynth_gl.render.backends import BACKENDS, Backend
+from semisynth_gl.render import BACKENDS, Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene
 

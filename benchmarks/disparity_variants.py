@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.errors import BackendError
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.instance_transforms import TransformComposer

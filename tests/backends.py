@@ -4,7 +4,7 @@ import ctypes
 from functools import cache
 
 from semisynth_gl.inputs.errors import BackendError
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.renderer import Renderer
 

@@ -15,7 +15,7 @@ from processes import Ended, without_announcements
 
 from semisynth_gl.cli import main
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 from semisynth_gl.render.context import context_facts
 from semisynth_gl.render.renderer import Renderer
 

@@ -1,4 +1,4 @@
-"""The error of the rendered disparity against float64 rays."""
+"""The error of the rendered disparity: against float64 rays, or on one plane against its equation."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,9 +8,13 @@ import numpy as np
 from semisynth_gl.bench.scenes import BenchScenes, TruthAtPixels, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts
 from semisynth_gl.config import Config
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.background import FACE
+from semisynth_gl.scene.scene import make_scene
 
 
 def measure(
@@ -62,3 +66,20 @@ def errors_text(error: Mapping[str, Any]) -> tuple[str, str, str]:
     values = (error[key] for key in ("median_px", "p999_px", "worst_px"))
     median, p999, worst = ("-" if value is None else f"{value:.1e}" for value in values)
     return median, p999, f"{worst}, {error['missing']} missing" if error["missing"] else worst
+
+
+def plane_error_px(backend: Backend) -> float:
+    """Return the largest error, px, of both disparities of a slanted plane; raises BackendError without OpenGL."""
+    camera = StereoCamera(320, 240, 400.0, 0.2, 155.5, 163.5, 119.5)
+    # The points p of the plane satisfy normal . p = 2, with x and y from -9 to 9 m.
+    normal, matrix = np.array([0.3, -0.2, 1.0]), np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 3] = (18, 0, 18 * -0.3), (0, 18, 18 * 0.2), (-9, -9, 2 + 9 * 0.3 - 9 * 0.2)
+    layers = np.full((1, 8, 8, 4), 255, np.uint8)
+    with Renderer([FACE], layers, backend=backend) as renderer:
+        frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[0]))
+    y, x = np.mgrid[:240, :320]
+    worst = 0.0
+    for eye in EYES:
+        depth = (2.0 - normal[0] * camera.offset_m(eye)) / (camera.rays(eye, x, y) @ normal)
+        worst = max(worst, float(np.abs(frame.view(eye).disparity - camera.disparity_px(depth)).max()))
+    return worst

@@ -12,7 +12,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.pairs.pipeline import renderer_options
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays

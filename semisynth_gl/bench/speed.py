@@ -18,7 +18,7 @@ from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 
 STAGES: Mapping[str, str] = {
     "sample": "objects and cameras of the scene",

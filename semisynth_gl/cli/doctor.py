@@ -11,7 +11,7 @@ from semisynth_gl.cli.options import Command
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.inputs.opencv import open_opencv
 from semisynth_gl.plugins import NOUNS, installed_plugins
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
 _LARGEST_ERROR_PX = 1e-3
@@ -52,7 +52,7 @@ def doctor() -> None:
 
 def _try(backend: Backend) -> bool:
     """Print a backend's facts and render a test pair; return whether that works and the disparity is exact."""
-    from semisynth_gl.bench.plane import plane_error_px  # noqa: PLC0415
+    from semisynth_gl.bench.accuracy import plane_error_px  # noqa: PLC0415
     from semisynth_gl.render.context import context_facts  # noqa: PLC0415
 
     click.echo(f"Backend {backend}")

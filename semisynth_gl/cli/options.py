@@ -9,7 +9,7 @@ import click
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config, load_config, packaged_configs
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.render.backends import BACKENDS
+from semisynth_gl.render import BACKENDS
 
 Callback = Callable[..., Any]
 

@@ -12,7 +12,7 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError, counted
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops, draw_texture_sheet
 from semisynth_gl.textures.image_files import printable

@@ -17,7 +17,7 @@ from semisynth_gl.dataset.root import is_local, open_root
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 from semisynth_gl.render.context import check_libraries
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import SceneSources, prepare_sources

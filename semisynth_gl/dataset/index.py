@@ -104,7 +104,7 @@ def encode_card(plan: DatasetPlan, index: Mapping[str, Any]) -> bytes:
 
 
 def _configs(plan: DatasetPlan) -> list[dict[str, Any]]:
-    """Return the hub's configs: one for tars, else one for each role of images. Without, a hub loads all files."""
+    """Return the hub's configs: one for tars, else one for each role of images. Without them, a hub loads all files."""
     if plan.layout.packed:
         tars = {shard.split: f"{shard.tar.rpartition('-')[0]}-*.tar" for shard in plan.shards}
         files = [{"split": split, "path": tars[split]} for split in plan.splits]

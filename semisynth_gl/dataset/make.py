@@ -22,7 +22,7 @@ from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
-from semisynth_gl.render.backends import Backend, is_software
+from semisynth_gl.render import Backend, is_software
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.seeds.splits import SplitName
 

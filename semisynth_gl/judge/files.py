@@ -20,9 +20,9 @@ _NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})
 
 
 def check_index(index: StoredIndex, verdict: Verdict) -> None:
-    """Check that the index is consistent, and that documents and lists exist, and no files that it does not list."""
+    """Check that the index is consistent, that all documents and lists exist, and that the index lists all files."""
     plan, root, present = index.plan, index.root, frozenset(names_below(index.root))
-    # From the file, since the plan's config lacks the keys that this version does not know.
+    # Take the digest of the file's values: the parsed config drops keys that this version does not know.
     digest = digest_of(JSON_OBJECT.decode(read_whole(root, INDEX), Path(INDEX))["config_values"])
     if digest != plan.config_sha256:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {plan.config_sha256:.12}")
@@ -35,7 +35,7 @@ def check_index(index: StoredIndex, verdict: Verdict) -> None:
     links = {name for name in plan.links if is_local(root) and (root / name).is_symlink()}
     if foreign := sorted(present - (_ABOUT | {LOCK} | plan.lists.keys() | shards | links)):
         files = counted(len(foreign), "file")
-        verdict.add("foreign", f"{files} that the index does not list, and loaders may read as a pair's: {foreign[0]}")
+        verdict.add("foreign", f"{files} that the index does not list, but loaders may read, such as {foreign[0]}")
     for name in sorted(_ABOUT - present):
         verdict.add("files", f"{name} is missing")
     for name, expected in plan.lists.items():
@@ -106,7 +106,8 @@ def _read_files(
     expected = plan.files(shard.split, number)
     listed = record.samples[number - shard.first].files if record is not None else {}
     for name in sorted(set(expected.values()) ^ listed.keys()) if record is not None else ():
-        verdict.add("files", f"{name} is in the shard's record, or asked for by layout and outputs, but not both")
+        fault = "is in the shard's record, but not in the layout" if name in listed else "is not in the shard's record"
+        verdict.add("files", f"{name} {fault}")
     for role, name in expected.items():
         try:
             if plan.layout.packed and record is not None:
@@ -134,4 +135,4 @@ def _check_origin(provenance: dict[str, Any], index: StoredIndex, shard: Shard, 
     for key, value in expected.items():
         found = provenance.get(key, {} if key == "plugins" else None)
         if found != value:
-            verdict.add("origin", f"{key} is {found!r}, in the index {value!r}")
+            verdict.add("origin", f"{key} is {found!r}, expected {value!r}")

@@ -65,7 +65,7 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
 
 
 def _warped(frame: StoredFrame) -> NDArray[np.uint8]:
-    """Return the right image warped to the left view by the left disparity, (H, W, 3); grey where occluded."""
+    """Return the right image warped to the left view by the left disparity, (H, W, 3); grey where it has no value."""
     height, width = frame.left.disparity.shape
     row, column = np.mgrid[:height, :width]
     way = frame.correspondences("left")

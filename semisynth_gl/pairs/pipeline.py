@@ -14,7 +14,7 @@ from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.pairs.cameras import RigCameras
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.plugins import plugin_records
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 from semisynth_gl.render.context import check_libraries
 from semisynth_gl.render.readers import PixelReader, read_array
 from semisynth_gl.render.renderer import Renderer

@@ -13,7 +13,7 @@ from glcontext import egl
 
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import BackendError
-from semisynth_gl.render.backends import BACKENDS, Backend, is_software
+from semisynth_gl.render import BACKENDS, Backend, is_software
 from semisynth_gl.render.gl_functions import GLFunctions
 from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMESA_LIBRARIES, OSMesaContext

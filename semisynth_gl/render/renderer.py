@@ -22,7 +22,7 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.arguments import check_one_of, to_whole
 from semisynth_gl.inputs.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.draw_pass import DrawPass

@@ -14,7 +14,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.scene import Projector, Scene
 from semisynth_gl.textures.atlas import Patch
-from semisynth_gl.textures.shares import patch_chances
+from semisynth_gl.textures.subjects import patch_chances
 
 # Maximum factor by which a large patch is enlarged so that it does not repeat.
 _ENLARGED = 2.0

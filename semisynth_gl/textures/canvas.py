@@ -1,11 +1,13 @@
-"""Elements of painted pictures: palettes, noise, tilings, light, and layers of colour."""
+"""Painted pictures, and their elements: palettes, noise, tilings, light, and layers of colour."""
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 SIDE_PX = 768
@@ -15,6 +17,22 @@ _TILES = 4096
 Field = NDArray[np.float32]
 Pixels = NDArray[np.uint8]
 Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaintedPicture:
+    """A painted picture, (H, W, 3) uint8 RGB, top row first, under a name such as ``drawn/tartan``.
+
+    Names are unique within a source. Raises InputError if the pixels have a wrong shape or type.
+    """
+
+    name: str
+    pixels: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        shape, kind = np.shape(self.pixels), getattr(self.pixels, "dtype", None)
+        if len(shape) != 3 or shape[2] != 3 or kind != np.uint8:
+            raise InputError(f"picture {self.name!r}: expected an array (H, W, 3) of uint8, got {shape} {kind}")
 
 
 def hex_colours(codes: str) -> NDArray[np.float64]:

@@ -11,8 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from semisynth_gl.inputs.errors import SkippedFile, counted
 from semisynth_gl.textures.image_files import printable
-from semisynth_gl.textures.shares import patch_chances
-from semisynth_gl.textures.subjects import of_subjects
+from semisynth_gl.textures.subjects import of_subjects, patch_chances
 
 Rejection = Literal["flat", "blurred", "duplicate", "surplus"]
 Outcome = Literal["kept", Rejection]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import inside_borders
+from semisynth_gl.textures.canvas import PaintedPicture
 from semisynth_gl.textures.crops import Square, cut_crop, texture_measure
 from semisynth_gl.textures.images import read_image
-from semisynth_gl.textures.pictures import PaintedPicture
 
 MOST_LARGE = 24
 """Maximum number of large patches of an atlas; with sides of 1024 pixels they need 100 MB."""

@@ -13,10 +13,10 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas, Patch
+from semisynth_gl.textures.canvas import PaintedPicture
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.large import with_large_patches
-from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import describe_source, open_source

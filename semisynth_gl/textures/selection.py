@@ -13,11 +13,11 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError, SkippedFile, abbreviate, counted
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import Rectangle
+from semisynth_gl.textures.canvas import PaintedPicture
 from semisynth_gl.textures.clips import VideoCrop, cut_clips, cut_crops, read_clip
 from semisynth_gl.textures.crop_report import CropCount, TextureReport
 from semisynth_gl.textures.crops import DuplicateFinder
 from semisynth_gl.textures.image_files import relative_names
-from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.subjects import subject_numbers
 
 PATCHES_PER_SUBJECT = 4

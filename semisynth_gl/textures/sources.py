@@ -12,12 +12,23 @@ import numpy as np
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.plugins import Plugin, find_plugin
-from semisynth_gl.textures.drawn import drawn_pictures
+from semisynth_gl.textures import prints, surfaces
+from semisynth_gl.textures.canvas import PaintedPicture, Pixels
 from semisynth_gl.textures.image_files import builtin_licences, builtin_photographs, find_images
-from semisynth_gl.textures.pictures import PaintedPicture
 
 # Maximum number of pictures of a plug-in, which may yield pictures for ever, none of them good enough for a patch.
 _MOST_PICTURES = 10_000
+
+PLAIN: tuple[Callable[[np.random.Generator], Pixels], ...] = (surfaces.painted, surfaces.plaster, surfaces.sky)
+"""The kinds with little contrast."""
+
+KINDS: tuple[Callable[[np.random.Generator], Pixels], ...] = (
+    *(surfaces.bricks, surfaces.cobbles, surfaces.fields, surfaces.fruit, surfaces.knitting, surfaces.marble),
+    *(surfaces.peeling, surfaces.rug, surfaces.tartan, surfaces.terrazzo, surfaces.tiles, surfaces.wood),
+    *(prints.books, prints.city_map, prints.flowered, prints.labels, prints.leaves, prints.meadow),
+    *(prints.page, prints.poster, prints.screen, *PLAIN),
+)
+"""The kinds of pictures: each function paints a picture, (`SIDE_PX`, `SIDE_PX`, 3) uint8, given only a generator."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +50,13 @@ class TextureSource:
     licence: Literal["config", "own", "none"] = "config"
 
 
+def painted_pictures(rng: np.random.Generator) -> Iterator[PaintedPicture]:
+    """Paint a picture of each kind, in random order, named like ``drawn/tartan``."""
+    for number in rng.permutation(len(KINDS)):
+        kind = KINDS[int(number)]
+        yield PaintedPicture(f"drawn/{kind.__name__.replace('_', '-')}", kind(rng))
+
+
 def _of_the_user(section: TexturesSection) -> Sequence[Path]:
     if not section.images:
         raise InputError("textures.source is images, but textures.images is empty: set it to your photographs")
@@ -49,7 +67,7 @@ def _of_the_user(section: TexturesSection) -> Sequence[Path]:
 
 
 _PACKAGED = TextureSource(
-    files=lambda _: builtin_photographs(), pictures=drawn_pictures, licences=builtin_licences, licence="own"
+    files=lambda _: builtin_photographs(), pictures=painted_pictures, licences=builtin_licences, licence="own"
 )
 
 SOURCES: dict[str, TextureSource] = {

@@ -81,7 +81,7 @@ class PairDataset(Dataset[Any]):
 
 
 def _with_own_masks(frame: Frame) -> Frame:
-    """Return `Frame.with_own_masks` of arrays or of tensors."""
+    """Recompute the masks of a crop, as `Frame.with_own_masks` does; the channels may be arrays or tensors."""
     if isinstance(frame.left.image, np.ndarray):
         return frame.with_own_masks()
     tensors: dict[str, Any] = frame.arrays()
@@ -118,7 +118,7 @@ def to_sample(index: int, frame: Frame) -> Sample:
 
 def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a reader has made instead
     if isinstance(array, np.ndarray):
-        # torch refuses negative strides and read-only arrays, as codecs may return.
+        # Codecs may return negative strides, which torch refuses, and read-only arrays, of which it warns.
         array = np.require(array, requirements=("C", "W"))
     tensor = torch.as_tensor(array)
     if tensor.dtype == torch.uint16:  # torch has few operations for uint16
@@ -127,7 +127,9 @@ def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a r
 
 
 class StereoDataset(PairDataset):
-    """The pairs of a written dataset in any layout: ``dataset[i]`` equals the sample of a `StereoStream`.
+    """The pairs of a written dataset in any layout: ``dataset[i]`` has the keys and types of a `StereoStream`'s sample.
+
+    Values are equal, too, unless the files round them, as JPEG and 16-bit PNG do.
 
     A sample is a dictionary, see `to_sample`. Each access opens and closes the pair's files, so the dataset can be
     pickled, and workers may be forked or spawned. OpenGL is not needed.

@@ -15,7 +15,7 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render.backends import BACKENDS, Backend
+from semisynth_gl.render import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER

@@ -15,7 +15,7 @@ from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, Vie
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import renderer_options
-from semisynth_gl.render.backends import is_software
+from semisynth_gl.render import is_software
 from semisynth_gl.render.context import context_facts
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler

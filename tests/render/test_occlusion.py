@@ -11,8 +11,7 @@ from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.topology import marked_solid
-from semisynth_gl.render import occlusion
-from semisynth_gl.render.backends import is_software
+from semisynth_gl.render import is_software, occlusion
 from semisynth_gl.render.context import context_facts
 from semisynth_gl.render.model_buffers import SceneBuffers
 from semisynth_gl.render.renderer import Renderer

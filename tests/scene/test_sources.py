@@ -9,7 +9,7 @@ from tiny_datasets import cheap, tiny
 
 from semisynth_gl.scene.sources import SceneSources, prepare_sources
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures import drawn
+from semisynth_gl.textures import sources as texture_sources
 
 # Libraries of these differ in the last bit from processor to processor.
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "arctan2", "arcsin", "arccos")
@@ -32,7 +32,7 @@ def with_other_last_bits(function, rng):
 
 
 def test_checksums_are_the_same_where_the_last_bits_of_functions_differ(monkeypatch):
-    monkeypatch.setattr(drawn, "KINDS", drawn.KINDS[:2])
+    monkeypatch.setattr(texture_sources, "KINDS", texture_sources.KINDS[:2])
     config = tiny(textures={"source": "builtin", "large_px": 128, "max_patches": 16})
     here = prepare_sources(config, Split(2))
     rng = np.random.default_rng(0)

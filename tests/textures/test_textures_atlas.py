@@ -13,10 +13,10 @@ from PIL import Image, ImageFilter
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures import clips
+from semisynth_gl.textures.canvas import PaintedPicture
 from semisynth_gl.textures.clips import natural_key
 from semisynth_gl.textures.crops import Square, cut_crop, texture_measure
 from semisynth_gl.textures.images import read_image
-from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.selection import PATCHES_PER_SUBJECT, build_atlas
 
 FLAT = np.full((64, 64, 3), 90, dtype=np.uint8)

@@ -17,17 +17,15 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import clips, image_files, prepare
 from semisynth_gl.textures.borders import Rectangle
-from semisynth_gl.textures.canvas import SIDE_PX
+from semisynth_gl.textures.canvas import SIDE_PX, PaintedPicture
 from semisynth_gl.textures.crops import DuplicateFinder, cover, cut_crop, sharpness_measure
 from semisynth_gl.textures.crops import texture_measure as texture_of
-from semisynth_gl.textures.drawn import KINDS, PLAIN, drawn_pictures
 from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.textures.images import read_image
-from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, unpack_atlas
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
-from semisynth_gl.textures.sources import SOURCES, open_source
+from semisynth_gl.textures.sources import KINDS, PLAIN, SOURCES, open_source, painted_pictures
 
 SECTION = TexturesSection(patch_px=64, scales=(1.0, 2.0))
 VALIDATION = Split(11, "validation", {"validation": 0.1, "test": 0.1})
@@ -68,7 +66,7 @@ def test_every_kind_is_sharp_and_repeats_nothing_and_all_but_plain_ones_have_con
 
 
 def test_pictures_come_from_the_generator_alone_and_have_names_of_their_own():
-    first, again, other = (list(islice(drawn_pictures(np.random.default_rng(seed)), 2)) for seed in (3, 3, 4))
+    first, again, other = (list(islice(painted_pictures(np.random.default_rng(seed)), 2)) for seed in (3, 3, 4))
     for one, same in zip(first, again, strict=True):
         assert one.name == same.name
         np.testing.assert_array_equal(one.pixels, same.pixels)

@@ -17,8 +17,8 @@ from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
 from semisynth_gl.textures.atlas import Patch, atlas_from_arrays
+from semisynth_gl.textures.canvas import PaintedPicture
 from semisynth_gl.textures.large import MOST_LARGE, with_large_patches
-from semisynth_gl.textures.pictures import PaintedPicture
 from semisynth_gl.textures.prepare import prepare_atlas
 from semisynth_gl.textures.sources import SOURCES
 

@@ -11,7 +11,7 @@ from samplers import sampler_of
 from tiny_datasets import cheap
 
 from semisynth_gl.textures.atlas import Patch
-from semisynth_gl.textures.shares import MOST_TIMES, equal_shares, patch_chances
+from semisynth_gl.textures.subjects import MOST_TIMES, equal_shares, patch_chances
 
 
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=40))
