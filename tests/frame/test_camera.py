@@ -19,15 +19,6 @@ cameras = st.builds(
 )
 
 
-def test_disparity_is_the_difference_of_projections():
-    camera = StereoCamera(1500, 1000, 1700.0, 0.2, 700.0, 790.0, 499.5)
-    point = np.array([0.31, -0.2, 2.7])
-    x_left = camera.focal_px * point[0] / point[2] + camera.cx_left_px
-    x_right = camera.focal_px * (point[0] - camera.baseline_m) / point[2] + camera.cx_right_px
-    assert camera.disparity_px(point[2]) == pytest.approx(x_left - x_right, abs=1e-12)
-    assert camera.doffs_px == 90.0
-
-
 @given(cameras, st.floats(0.01, 1e5))
 def test_depth_and_disparity_are_inverse(camera, depth):
     assume(camera.baseline_m > 1e-3)

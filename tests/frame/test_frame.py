@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import noise_layers
+from scenes import SQUARE, noise_layers, one_model, posed
 from scipy.spatial.transform import Rotation
 
 from semisynth_gl.codecs import Encodings
@@ -17,10 +17,8 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, CameraDeviation, Crop, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, ViewArrays
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.roles import ROLES as FILE_ROLES
-from semisynth_gl.scene.scene import make_scene
 
 CAMERA = StereoCamera.centred(5, 4, 6.0, 0.1)
 
@@ -128,13 +126,10 @@ def test_frames_and_arrays_by_role_are_inverses():
 
 def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
     camera = StereoCamera(64, 48, 50.0, 0.2, 30.0, 33.5, 22.0)
-    square = make_mesh("square", [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]],
-                       [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])  # fmt: skip
     turn = Rotation.from_euler("xyz", [35, -25, 10], degrees=True).as_matrix()
-    world_from_model = np.eye(4)
-    world_from_model[:3] = np.column_stack([turn, (0.1, -0.05, 2.0)])
-    renderer = open_renderer([square], noise_layers(1, 16), outputs=["depth", "normals"])
-    frame = renderer.render(make_scene(camera, model=[0], world_from_model=[world_from_model], layer=[0]))
+    corner = (0.1, -0.05, 2.0) - turn @ (1, 1, 0)
+    renderer = open_renderer([SQUARE], noise_layers(1, 16), outputs=["depth", "normals"])
+    frame = renderer.render(one_model(camera, [posed(2 * turn, corner)]))
     for eye in EYES:
         view, points = frame.view(eye), frame.points(eye)
         assert (points.shape, points.dtype) == ((48, 64, 3), np.float32)
@@ -143,9 +138,9 @@ def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
         assert np.isnan(points[~seen]).all()
         np.testing.assert_allclose(points[..., 2][seen], view.depth[seen], rtol=1e-5)
         # In the square's own frame: on its plane, and within it.
-        local = (points[seen] - world_from_model[:3, 3]) @ turn
+        local = (points[seen] - corner) @ turn
         assert np.abs(local[:, 2]).max() < 2e-5
-        assert np.abs(local[:, :2]).max() < 1 + 2e-5
+        assert np.abs(local[:, :2] - 1).max() < 1 + 2e-5
         # Neighbours span the plane that the normals say.
         step = np.cross(points[20, 31] - points[20, 30], points[21, 30] - points[20, 30])
         np.testing.assert_allclose(-step / np.linalg.norm(step), view.normals[20, 30], atol=1e-3)

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from scenes import facing, noise_layers
+from scenes import SQUARE, facing, noise_layers, one_model
 
 from semisynth_gl import (
     Crop,
@@ -33,11 +33,8 @@ CONFIG = load_config(
      "models.variants=1", "particles.layers=[{disparity_px: [2, 30], count: 3}]", "checks.attempts=1"],
 )  # fmt: skip
 CAMERA = StereoCamera.centred(40, 30, 40.0, 0.1)
-SQUARE = make_mesh("square", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])  # fmt: skip # noqa: E501
 LAYERS = noise_layers(1, 16)
-SCENE = make_scene(CAMERA, model=[0], world_from_model=[facing(CAMERA, 0, 0, 40, 30, 2.0)], layer=[0])
-
-
+SCENE = one_model(CAMERA, [facing(CAMERA, 0, 0, 40, 30, 2.0)])
 TRUTH = np.ones((4, 5), np.float32)
 IMAGE = np.zeros((30, 40, 3), np.uint8)
 FRAME = Frame(
@@ -61,6 +58,7 @@ WRONG = {
     "baseline_m": [lambda value: StereoCamera(64, 48, 40.0, value, 0, 0, 0), (None, 10**30, -0.1)],
     "cx_left_px": [lambda value: StereoCamera(64, 48, 40.0, 0.1, value, 0, 0), (np.nan, -1e7)],
     "width_px": [lambda value: StereoCamera(value, 48, 40.0, 0.1, 0, 0, 0), (0, 2.0, 2**31)],
+    "height_px": [lambda value: Crop(0, 0, 5, value), (0, -3)],
     "world_from_model": [lambda value: scene(world_from_model=value), ("eye", [[1, 0], [1]], np.full((1, 4, 4), "1"))],
     "scene: world_from_model": [
         lambda value: scene(world_from_model=np.full((1, 4, 4), value)),
