@@ -18,13 +18,14 @@ from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.geometry.topology import is_solid
 from semisynth_gl.seeds.splits import SPLITS, Split
 
 KINDS = {**SIMPLE_KINDS, **COMPLEX_KINDS}
 SEEDS = range(4)
 # The only ones that are the same every time.
 CONSTANT = {"cube", "sphere"}
-# Those with leaves or blades: sheets without thickness.
+# Those with leaves, blades or cloth: sheets without thickness. Some umbrellas are thick.
 WITH_SHEETS = {"potted_plant", "grass", "flower", "fan", "curtain", "cloth"}
 # Tubes that bend: lengths on the inside and outside of a bend are those of its middle.
 BENT = {"pipe_run", "cactus", "chain", "cable", "flat_coil", "spring", "torus_knot", "hook_rail"}
@@ -70,12 +71,13 @@ def test_texture_lies_true_and_is_not_mirrored(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_closed_parts_face_outwards(kind: str) -> None:
+def test_closed_parts_face_outwards_and_kinds_without_sheets_are_solid(kind: str) -> None:
     for seed in (0, 1):
         mesh = built(kind, seed)
         parts = components(mesh)
         closed = [part for part in parts if edge_balance(part) == 0]
         assert len(closed) == len(parts) or kind in WITH_SHEETS
+        assert is_solid(mesh) != (kind in WITH_SHEETS) or kind == "umbrella"
         assert all(volume(part) > 0 for part in closed)
 
 

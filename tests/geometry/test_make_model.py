@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
+from geometry_measures import stretch
 
 from semisynth_gl import make_model
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.inputs.errors import InputError
-
-
-def surface(mesh):
-    """Lengths of edges on the surface and in UV, model units."""
-    corners, uv = mesh.positions[mesh.triangles], mesh.uv[mesh.triangles]
-    return (np.linalg.norm(np.diff(each, axis=1), axis=2) for each in (corners, uv))
 
 
 def test_a_model_is_scaled_and_gets_uv_in_its_units():
@@ -22,8 +17,7 @@ def test_a_model_is_scaled_and_gets_uv_in_its_units():
         assert isinstance(mesh, Mesh)
         assert mesh.radius == pytest.approx(1)
         assert len(mesh.positions) == 4  # no triangle has the fifth
-        lengths, in_uv = surface(mesh)
-        np.testing.assert_allclose(lengths, in_uv, rtol=1e-5)
+        assert stretch(mesh) == pytest.approx(1, abs=1e-5)
     for arguments, message in (
         ((corners, [[0, 1, 5]]), "triangle index 5 is out of range"),
         ((corners, [[0, 1, -1]]), r"triangles: must be an array of uint32"),
