@@ -107,20 +107,6 @@ def test_a_view_and_a_frame_are_pickled_for_other_processes():
     assert came.encodings.disparity.name == "pfm"
 
 
-# Frames
-
-
-def test_frames_and_arrays_by_role_are_inverses():
-    frame = Frame(CAMERA, make_view(), make_view(("image",), seed=1))
-    arrays = frame.arrays()
-    assert set(arrays) == {channel.role("left") for channel in CHANNELS.values()} | {"right"}
-    assert arrays["left"] is frame.left.image
-    assert arrays["flow_backward_visibility_left"] is frame.left.flow_backward_visibility
-    again = Frame.from_arrays(CAMERA, arrays)
-    assert dict(again.left) == dict(frame.left)
-    assert dict(again.right) == dict(frame.right)
-
-
 # Points
 
 

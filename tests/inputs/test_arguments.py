@@ -35,7 +35,6 @@ CONFIG = load_config(
 CAMERA = StereoCamera.centred(40, 30, 40.0, 0.1)
 LAYERS = noise_layers(1, 16)
 SCENE = one_model(CAMERA, [facing(CAMERA, 0, 0, 40, 30, 2.0)])
-TRUTH = np.ones((4, 5), np.float32)
 IMAGE = np.zeros((30, 40, 3), np.uint8)
 FRAME = Frame(
     CAMERA, ViewArrays({"image": IMAGE, "disparity": np.ones((30, 40), np.float32)}), ViewArrays({"image": IMAGE})
@@ -67,7 +66,7 @@ WRONG = {
     "mesh m: positions": [lambda value: make_mesh("m", value, [[0, 0]], [[0, 0, 0]]), ("abc", [[0, 0, np.nan]])],
     "outputs": [lambda value: Renderer([SQUARE], LAYERS, outputs=value), ([3], [["depth"]], ["depht"])],
     "eye": [FRAME.points, ("middle", 0, np.arange(2))],
-    "prediction": [lambda value: score(value, TRUTH, "kitti"), ("a.pfm", [[1], [1, 2]])],
+    "prediction": [lambda value: score(value, np.ones((4, 5), np.float32), "kitti"), ("a.pfm", [[1], [1, 2]])],
     "scale": [lambda value: calibrate("photos", **RIG, scale=value), ("half", 0, np.nan, np.inf)],
     "size": [lambda value: calibrate("photos", **RIG | {"size": value}), ((3, 4, 5), (3.5, 4))],
     "truth ": [lambda value: evaluate("tests", value), ("nowhere",)],
