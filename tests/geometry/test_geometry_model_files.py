@@ -174,14 +174,6 @@ def test_uv_maps_are_scaled_by_area_and_replaced_where_unusable(
     assert np.sort(stretch(one(folder))) == pytest.approx(drawn_out, rel=1e-4)
 
 
-def test_degenerate_triangles_and_loose_vertices_are_dropped(folder: Path) -> None:
-    (folder / "good.obj").write_text(SQUARE + "v 1000 0 0\nv 1 0 0\nf 1 2 3\nf 1 1 2\nf 1 2 6\n")
-    mesh = one(folder)
-    assert len(mesh.triangles) == 1
-    assert len(mesh.positions) == 3
-    assert mesh.radius == pytest.approx(1, abs=1e-6)
-
-
 @pytest.mark.parametrize(("offset", "scale"), [(1e9, 1.0), (0.0, 1e-200), (0.0, 1e200)])
 def test_place_and_size_do_not_matter(folder: Path, offset: float, scale: float) -> None:
     cube = box((1, 2, 3))

@@ -10,20 +10,21 @@ from semisynth_gl.inputs.errors import InputError
 
 
 def test_a_model_is_scaled_and_gets_uv_in_its_units():
-    corners = np.array([[0, 0, 5], [30, 0, 5], [30, 40, 5], [0, 40, 5], [9e8, 9e8, 9e8]])
-    triangles = [[0, 1, 2], [0, 2, 3]]
-    for uv in (None, corners[:, :2] / 7, np.zeros((5, 2))):
+    # No triangle has the last corner, and two triangles have no area.
+    corners = np.array([[0, 0, 5], [30, 0, 5], [30, 40, 5], [0, 40, 5], [15, 0, 5], [9e8, 9e8, 9e8]])
+    triangles = [[0, 1, 2], [0, 2, 3], [0, 0, 1], [0, 1, 4]]
+    for uv in (None, corners[:, :2] / 7, np.zeros((6, 2))):
         mesh = make_model("sheet", corners, triangles, uv)
         assert isinstance(mesh, Mesh)
         assert mesh.radius == pytest.approx(1)
-        assert len(mesh.positions) == 4  # no triangle has the fifth
+        assert (len(mesh.positions), len(mesh.triangles)) == (4, 2)
         assert stretch(mesh) == pytest.approx(1, abs=1e-5)
     for arguments, message in (
-        ((corners, [[0, 1, 5]]), "triangle index 5 is out of range"),
+        ((corners, [[0, 1, 6]]), "triangle index 6 is out of range"),
         ((corners, [[0, 1, -1]]), r"triangles: must be an array of uint32"),
         ((corners[:, :2], triangles), r"positions must be \(V, 3\)"),
         ((corners * np.nan, triangles), "got nan"),
-        ((corners, triangles, corners[:2, :2]), "5 positions but 2 uv"),
+        ((corners, triangles, corners[:2, :2]), "6 positions but 2 uv"),
         ((corners, [[0, 0, 1]]), "has no triangle with an area"),
         ((corners, np.zeros((0, 3), int)), "has no triangles"),
         (("cube", triangles), "positions"),
