@@ -11,17 +11,13 @@ SIDES = (24, 40)
 SLOPE = st.floats(-2, 2, width=32)
 
 
-def plane(x, y, level, across, down):
-    return level + across * x + down * y
-
-
 @given(st.tuples(SLOPE, SLOPE), st.tuples(SLOPE, SLOPE), st.integers(4, 35), st.floats(0.3, 3), st.sampled_from("xy"))
 def test_a_value_is_that_of_the_surface_of_the_nearest_pixel(far, near, edge, scale, form):
     """Two planes 200 px of disparity apart, divided by a column or a row; each is 3 px wide or more."""
     y, x = np.mgrid[: SIDES[0], : SIDES[1]].astype(np.float64)
 
     def value(x, y, is_near):
-        return np.where(is_near, plane(x, y, 400, *near), plane(x, y, 200, *far))
+        return np.where(is_near, 400 + near[0] * x + near[1] * y, 200 + far[0] * x + far[1] * y)
 
     is_near = x < edge if form == "x" else y < edge // 2 + 1
     values = value(x, y, is_near).astype(np.float32)

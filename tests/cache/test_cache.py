@@ -25,7 +25,6 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
 from semisynth_gl.textures.prepare import prepare_atlas
 
-TRIANGLE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nf 1 2 3\n"
 LARGER = "v 0 0 0\nv 3 0 0\nv 2 2 0\nf 1 2 3\n"
 
 
@@ -69,7 +68,7 @@ def textures(home, **values):
 def own(tmp_path):
     """A folder of two models."""
     (tmp_path / "m").mkdir()
-    (tmp_path / "m/one.obj").write_text(TRIANGLE)
+    (tmp_path / "m/one.obj").write_text("v 0 0 0\nv 2 0 0\nv 2 2 0\nf 1 2 3\n")
     (tmp_path / "m/two.obj").write_text(LARGER)
     return tmp_path / "m"
 

@@ -230,7 +230,6 @@ def test_middleburys_calibration_gives_the_same_depth():
     disparity = camera.disparity_px(2.5)
     depth_mm = float(values["baseline"]) * rows[0][0] / (disparity + float(values["doffs"]))
     assert depth_mm == pytest.approx(2500, rel=1e-12)
-    assert written[6] == "ndisp=256"  # HSM reads line 7
     valid = frame.left.disparity[np.isfinite(frame.left.disparity)]
     assert float(values["vmin"]) == pytest.approx(valid.min(), rel=1e-5)
     assert float(values["vmax"]) == pytest.approx(valid.max(), rel=1e-5)
