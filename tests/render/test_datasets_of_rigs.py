@@ -209,4 +209,4 @@ def test_a_run_that_ends_within_a_scene_goes_on_there_and_left_views_are_the_sam
     path = whole / plan.files("train", 2)["provenance"]
     change_json(path, lambda pair: pair.update(view=1))
     (found,) = findings(whole)
-    assert (found.check, found.message) == ("origin", "view is 1, in the index 2")
+    assert (found.check, found.message) == ("origin", "view is 1, expected 2")
