@@ -1,4 +1,4 @@
-"""Adapters for formats with names that `finder` does not know: each translates them to names that it knows."""
+"""Adapters for calibration formats: each renames the values of one format to names that `finder` knows."""
 
 from collections.abc import Callable, Mapping
 
@@ -122,8 +122,8 @@ def _chosen(sizes: Mapping[str, ImageSize], size: ImageSize | None) -> str:
         return fitting[0]
     if not sizes:
         raise FormatError("has no mode that is known")
-    got = "" if size is None else f", not of {size}"
-    raise FormatError(f"is for images of {abbreviate([*map(str, sizes.values())])}{got}: give one of these, --size")
+    got = "" if size is None else f", not for {size}"
+    raise FormatError(f"has cameras for {abbreviate([*map(str, sizes.values())])}{got}: give one of these, --size")
 
 
 def _array(tree: Tree, *name: str) -> Array:

@@ -32,7 +32,7 @@ class ImageSize(NamedTuple):
 def upright(size: ImageSize, matrices: Sequence[Array]) -> ImageSize:
     """Return the size; width and height are swapped if the principal points of K or P fit only the swapped size.
 
-    Then a point is far from the centre of images of ``size``, and all are near the centre of swapped images.
+    They do if one is far from the centre of images of ``size``, and all are near the centre of swapped images.
     """
 
     def distance(sides: ImageSize) -> float:

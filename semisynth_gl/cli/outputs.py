@@ -16,10 +16,10 @@ class OutputFileType(click.Path):
         self._endings = endings
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path; raises BadParameter if it cannot be written."""
+        """Return the path; raises BadParameter if its folder does not exist, it is a folder, or its ending is wrong."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if self._endings and path.suffix.lower() not in self._endings:
-            self.fail(f"{path}: expected a name that ends in {self._endings[0]}", param, ctx)
+            self.fail(f"{path}: expected a name that ends in {' or '.join(self._endings)}", param, ctx)
         if path.is_dir():
             self.fail(f"{path}: is a folder; name a file", param, ctx)
         if not path.parent.is_dir():

@@ -58,7 +58,7 @@ def check_resumable(root: UPath, there: DatasetPlan, plan: DatasetPlan) -> None:
     """
     old, new = there.values(), plan.values()
     if there.layout_name != plan.layout_name:
-        old["config_values"] |= {"outputs": new["config_values"]["outputs"]}  # a layout adds those that it needs
+        old["config_values"] |= {"outputs": new["config_values"]["outputs"]}  # layouts add outputs
     keys = ("version", "seed", "layout", "shard_pairs", "plugins")
     changed = differences({key: old.get(key, {}) for key in keys}, {key: new.get(key, {}) for key in keys})
     changed += differences(old["config_values"], new["config_values"])
@@ -135,9 +135,9 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
     """Lock a dataset against other runs, also on other machines with the disk; the lock ends with the process.
 
     ``shared`` runs make different shards, and exclude only runs that are not shared. Object stores and some network
-    file systems have no locks. If the last run ends without any other file, it removes the plan: the next run may have
-    different settings. Raises InputError if a different run has locked the dataset; an OSError without a file name
-    gets the dataset's folder.
+    file systems have no locks. If the last run ends before anything but plan and lock was written, it removes the plan:
+    the next run may have different settings. Sets the file name of an OSError that has none to the dataset's folder.
+    Raises InputError if a different run has locked the dataset.
     """
     if not is_local(root):
         yield

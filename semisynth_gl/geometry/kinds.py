@@ -13,7 +13,7 @@ from semisynth_gl.geometry.mesh import Mesh, Parts, merged, normalised
 from semisynth_gl.inputs.errors import InputError, did_you_mean, near
 
 Builder = Callable[[np.random.Generator], Mesh]
-"""Builds one model of a kind, normalised and named after the kind. Only the generator makes models of a kind differ."""
+"""Builds one model of a kind, normalised and named after the kind. It depends only on the generator."""
 
 
 def _build(kind: Callable[[np.random.Generator], Parts], rng: np.random.Generator) -> Mesh:
@@ -34,7 +34,7 @@ SIMPLE_KINDS: Final = _builders(solids)
 """Builders of simple models by kind: solids of geometry, such as cones."""
 
 COMPLEX_KINDS: Final = _builders(furniture, vessels, structures, plants, hardware, soft, outdoors)
-"""Builders of complex models by kind: everyday things. Networks fail at their holes, thin parts and overlaps."""
+"""Builders of complex models by kind: everyday things with holes, thin parts and overlaps, at which networks fail."""
 
 
 def kind_weights(given: Mapping[str, float]) -> dict[str, float]:

@@ -92,7 +92,7 @@ def pipe_run(rng: np.random.Generator) -> Parts:
         for _ in range(int(rng.integers(4, 8))):
             axis = int(rng.choice([a for a in range(3) if a != last]))
             step = np.zeros(3)
-            step[axis] = rng.uniform(0.65, 1.1) * (1 if axis == last else rng.choice([-1, 1]))
+            step[axis] = rng.uniform(0.65, 1.1) * rng.choice([-1, 1])
             at, last = at + step, axis
             corners.append(at)
         path = rounded(corners, 0.3, 8)

@@ -31,7 +31,7 @@ BAND_STRETCH = 1.1
 """Maximum ratio of a length around a lathed surface to its length in UV, and of the latter to the former."""
 
 BAND_SHEAR = 0.15
-"""Maximum shear of the texture on a facet of a lathed surface, whose slope may differ from that of its band's cone."""
+"""Maximum shear of the texture on a facet of a lathed surface: facets may be steeper or flatter than their cone."""
 
 
 def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
@@ -80,7 +80,7 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
 
 
 def _longest_band(radius: Floats, arc: Floats, start: int, segments: int) -> tuple[int, float, float]:
-    """Return the last profile point of the longest band that a cone fits: radius = offset + slope * arc."""
+    """Return the last profile point of the longest band that a cone fits, and the cone's offset and slope."""
     fit = (start + 1, *_fitted_cone(radius[start : start + 2], arc[start : start + 2]))
     for stop in range(start + 2, len(radius)):
         r, s = radius[start : stop + 1], arc[start : stop + 1]
@@ -95,7 +95,7 @@ def _longest_band(radius: Floats, arc: Floats, start: int, segments: int) -> tup
 
 
 def _fitted_cone(radius: Floats, arc: Floats) -> tuple[float, float]:
-    """Fit radius = offset + slope * arc by least squares. If the profile ends on the axis, the line passes that end."""
+    """Fit radius = offset + slope * arc by least squares. If an end is on the axis, the line goes through it."""
     poles = np.flatnonzero(radius == 0)
     origin = arc[poles[0]] if len(poles) else arc.mean()
     level = 0.0 if len(poles) else radius.mean()
@@ -104,12 +104,12 @@ def _fitted_cone(radius: Floats, arc: Floats) -> tuple[float, float]:
 
 
 def _conic_uv(arc: Floats, offset: float, slope: float, angle: Floats, segments: int) -> Floats:
-    """Unroll the cone radius = offset + slope * arc over ``angle``, (C,); (R, C, 2). At the angle 0, v is -arc."""
+    """Unroll the cone radius = offset + slope * arc over angles (C,) to UV, (R, C, 2); at the angle 0, v is -arc."""
     half = np.pi / segments
     if abs(slope) < 1e-6:  # a cylinder, with the circumference of the polygon
         u = offset * np.sin(half) / half * angle
         return np.stack(np.broadcast_arrays(u[None, :], -arc[:, None]), axis=2)
-    # Each side of the polygon has the angle at the apex that the flat facet has.
+    # Unrolled, each flat facet keeps its angle at the apex.
     unrolled = np.arcsin(slope * np.sin(half)) / half * angle
     from_apex = arc[:, None] + offset / slope
     v_up = from_apex * np.cos(unrolled) - offset / slope

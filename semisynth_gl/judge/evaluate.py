@@ -48,7 +48,8 @@ def evaluate(
         predictions: a folder of .pfm, .npy or 16-bit .png files, named after the pairs or after the files of the truth;
             see `find_predictions`.
         truth: a dataset of this program or a folder of Middlebury, ETH3D or KITTI; see `find_truth`.
-        protocol: name of one of `PROTOCOLS`; by default of the benchmark whose layout the truth has.
+        protocol: name of one of `PROTOCOLS`; by default that of KITTI or ETH3D if the truth has its layout, else that
+            of Middlebury.
         split: a split of a dataset of this program; None for all pairs.
         maps: a folder for an error map of each pair; None for no maps.
         progress: wraps the sequence of pairs, to show progress; tqdm is one.
@@ -60,8 +61,8 @@ def evaluate(
         are not finite are None.
 
     Raises:
-        InputError: where a folder or a protocol does not exist, names or sizes do not fit, or predictions are missing
-            or the truth's own files.
+        InputError: where a folder or a protocol does not exist, names or sizes do not fit, or a prediction is missing
+            or is a file of the truth.
         ReadError: where a file cannot be read.
     """
     folder, true_set = expanded(fspath(predictions)), find_truth(fspath(truth), split)

@@ -25,7 +25,7 @@ from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.protocol import ProtocolName, Truth
 from semisynth_gl.seeds.splits import SplitName
 
-# File names of the truth in scenes' folders. Only files with the first of these names that a set has are its truth.
+# File names of the truth in scenes' folders. The first name that is found in a set is used for all its scenes.
 _SCENE_TRUTHS = ("disp0GT.pfm", "disp0.pfm")
 _OCC = "disp_occ_0"
 _PROTOCOLS: dict[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
@@ -77,7 +77,9 @@ def find_truth(address: str, split: SplitName | None = None) -> TruthSet:
         raise InputError(f"{folder}: no true disparities there: expected {expected}", argument="truth")
     name, count = Counter(pair.name for pair in found.pairs).most_common(1)[0]
     if count > 1:
-        raise InputError(f"{folder}: {count} truths for {name}: choose the folder of one size", argument="truth")
+        raise InputError(
+            f"{folder}: {count} truths for {name}: give the folder of one size, such as trainingF", argument="truth"
+        )
     return found
 
 
@@ -214,7 +216,7 @@ def read_limits(path: Path) -> dict[str, Any]:
 def _keys(path: PurePath) -> list[str]:
     """Return a map's path without extension, then the same without the first folder, and so on.
 
-    For a map named disp0..., the path of its folder is used instead.
+    A map named disp0... has the path of its folder instead. The ending .disp before the extension is dropped.
     """
     path = path.parent if path.name.startswith("disp0") else path.with_suffix("")
     parts = str(path.as_posix()).removesuffix(".disp").split("/")

@@ -34,10 +34,10 @@ COMMAND = np.dtype(
 """OpenGL's DrawElementsIndirectCommand."""
 
 _FEWEST_INSTANCES = 256
-# Texture units of common_triangles.glsl; triangles or instances per row of a texture; texels of each of them.
+# Texture units of common_triangles.glsl.
 _TRIANGLES, _TRACED = 4, 5
-_PER_ROW = 1024
-_TEXELS = 3
+# Triangles or instances in a row of a texture, and texels of each.
+_PER_ROW, _TEXELS = 1024, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +104,9 @@ class SceneBuffers:
     def fill(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None = None) -> list[InstanceRange]:
         """Upload the instances that one eye may see in a part of its image, or all of it; return runs to draw in order.
 
-        There is a run for each atlas; large patches come last, since walls hide least. Within a run, instances that
-        show only fronts come first. Among them, and among the rest, near instances come before far instances, so that
-        hidden surfaces are not shaded.
+        There is a run for each atlas; large patches come last, since most are on walls, which hide little. Within a
+        run, instances that show only fronts come first. Among them, and among the rest, near instances come before far
+        instances, so that hidden surfaces are not shaded.
         """
         scene, view_from_model = transforms.scene, transforms.rows(eye)
         # The sky is never too near, so it is always uploaded.
@@ -219,7 +219,7 @@ def _whole_rows(numbers: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def _corners(models: Sequence[Mesh]) -> NDArray[np.uint32]:
-    """Return the bits of each triangle's corners, (T, 12): x, y, z, and the triangle across the edge to the next."""
+    """Return (T, 12), for each corner: the bits of x, y, z, and the triangle across the edge to the next corner."""
     positions = np.concatenate([mesh.positions.astype("<f4")[mesh.triangles] for mesh in models]).view("<u4")
     across, first = [], 0
     for mesh in models:
@@ -244,7 +244,8 @@ def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArra
     source = np.concatenate([triangles[:, 2], np.flatnonzero(~is_last)])
     by_source = np.argsort(source, kind="stable")
     result = number.repeat(3).reshape(-1, 3)
-    # Use the copy just before the triangle's own corner, else the copy just after it: the driver's cache may hold it.
+    # Of a vertex's copies, use the last one before the triangle's own corner, else the first one after it: the driver's
+    # cache may hold it.
     key = source[by_source] * len(source) + by_source
     before = np.searchsorted(key, triangles[:, :2] * len(source) + number[:, None]) - 1
     result[:, :2] = by_source[before + (source[by_source[before]] != triangles[:, :2])]

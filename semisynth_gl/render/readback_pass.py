@@ -31,7 +31,7 @@ class ReadbackPass:
                 self._visibility.draw(pair, eye)
 
     def read(self, pair: DrawnPair, motions: Mapping[str, Motion | None]) -> None:
-        """Add the missing channels to the pair's views.
+        """Read all channels that the drawing pass has not read, and add them to the pair's views.
 
         ``motions`` has the motions "future" and "past", for the channels of flow; None means no flow.
         """

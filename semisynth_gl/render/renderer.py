@@ -112,7 +112,7 @@ class Renderer:
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
-            # The context is current since it was opened. This block ends that, so that no object outlives its context.
+            # Opening left the context current. At the end of this block it is not: no object may outlive its context.
             with self._gl:
                 patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
                 self._composer = TransformComposer(models)
@@ -129,7 +129,7 @@ class Renderer:
         except BaseException:
             self._context.release()
             raise
-        # Frees the context when a renderer that was not released is collected. When Python exits, it frees everything.
+        # Frees the context when a renderer that was not released is collected. At exit, the system frees it.
         self._free = finalize(self, self._context.release)
         self._free.atexit = False
         if reported != _NO_ERROR:
@@ -169,8 +169,8 @@ class Renderer:
             past: the scene's motion to the previous frame, for the output "flow_backward".
 
         Returns:
-            Both images, and the disparities and outputs of the views that have truth, in new arrays; only readers that
-            are not the default may reuse the arrays that they return.
+            Both images, and the disparities and outputs of the views that have truth, in new arrays; only a
+            reader of the caller may reuse its arrays.
 
         Raises:
             InputError: where an index or the crop is out of range, the output "instances" has too few ids, an output
@@ -226,7 +226,7 @@ class Renderer:
                 shown_camera = camera if crop is None else camera.cropped(crop)
                 frames.append(Frame(shown_camera, ViewArrays(pair.views["left"]), ViewArrays(pair.views["right"])))
         for name, array in frames[0].left.items() if len(frames) > 1 else ():
-            if name not in OF_BOTH_VIEWS:
+            if name not in OF_BOTH_VIEWS and isinstance(array, np.ndarray):
                 array.flags.writeable = False
         return frames
 

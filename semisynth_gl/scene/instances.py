@@ -29,7 +29,7 @@ INSTANCE = np.dtype(
         ("texture", np.int64),  # number of the row whose texture it shares: its own number, or that of an earlier row
         ("large", np.bool_),  # whether it always gets a large patch, even if only a small part of it is visible
         ("sky", np.bool_),  # whether it is infinitely far away
-        ("depth_m", np.float64),  # depth at which its texture has the sampled texels per pixel
+        ("depth_m", np.float64),  # depth at which its texture has the texels per pixel that were sampled for it
         ("uv_low", np.float64, 2),  # lowest visible UV
         ("uv_high", np.float64, 2),  # highest visible UV
         ("slot", np.int64),  # slot of a particle; -1 for a static instance
@@ -93,7 +93,7 @@ class PatchMapping:
         self._layer_count = np.array([patch.layer_count for patch in patches])
 
     def layers(self, patch: Ints, sequence: int, frame: int) -> Ints:
-        """Return the atlas layers (N,) that patches (N,) show in a frame; each video starts at a different frame."""
+        """Return the atlas layers (N,) that patches (N,) show in a frame; videos start at different frames."""
         count = self._layer_count[patch]
         # 7919 is a prime above all counts: the starts of successive patches differ.
         return np.asarray(self._first_layer[patch] + ((patch * 7919 + sequence) % count + frame) % count)

@@ -1,7 +1,7 @@
 """A float64 ray caster in plain numpy, for the oracle, `verify` and `bench`.
 
 The caster shares the classes of scenes, cameras and meshes with `semisynth_gl.render`, but no rendering code. It
-transforms the models' vertices, float32 as for the renderer, in float64. It is simple on purpose: without a hierarchy
+transforms vertices in float64; they are the renderer's float32 values. It is simple on purpose: without a hierarchy
 of bounding boxes, it compares each triangle with the rays in its rows.
 """
 

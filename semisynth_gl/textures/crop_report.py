@@ -29,7 +29,7 @@ _PAPER, _INK = (250, 250, 248), (30, 30, 30)
 
 @dataclass(frozen=True, slots=True)
 class CropCount:
-    """Numbers of crops with each `Outcome`, for one side and one image; a square of several frames is one crop."""
+    """Numbers of an image's crops of one size with each `Outcome`; a square of several frames is one crop."""
 
     source: str
     side_px: int
@@ -95,7 +95,7 @@ class TextureReport:
         size = f"{self.patch_px} x {self.patch_px} pixels"
         lines = [f"{patches} of {size} from {used}{shared}; crops left out: {rejected}"]
         if shown < _FEW:
-            lines.append("note: that is few: give a few dozen photographs")
+            lines.append("note: these are few subjects: give a few dozen photographs")
         unused = {
             "not usable": len(self.images_skipped),
             f"smaller than {self.patch_px} pixels": self.images_too_small,

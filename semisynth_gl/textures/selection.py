@@ -37,7 +37,7 @@ def build_atlas(
     alternating scales. A crop that hardly differs from an earlier good crop of any image is a duplicate. If there are
     more patches than wanted, one is evicted from the fullest image of the fullest subject (see `subject_numbers`). Once
     the atlas is full and no subject has more than `PATCHES_PER_SUBJECT`, the remaining images are not opened. Files and
-    pictures alternate until either are used up.
+    pictures alternate; when one of them is used up, the others follow.
 
     With ``section.sequence``, clips of successive frames (see `cut_clips`) replace images, and each clip is a subject.
     Crops are not compared, since successive clips of a video look much the same.
@@ -49,7 +49,7 @@ def build_atlas(
         pictures: painted pictures with unique names, of which only as many as needed are painted; None for no pictures.
 
     Returns:
-        The atlas, with its patches ordered by image, side, row and column, files before pictures.
+        The atlas, with its patches ordered by image, size, row and column, files before pictures.
 
     Raises:
         InputError: where there is no patch.
@@ -138,7 +138,8 @@ def _settled(opened: Mapping[int, _Opened], most: int) -> bool:
 def _evict(opened: Mapping[int, _Opened], most: int) -> None:
     """Reject the surplus: the fullest image of the fullest subject loses its last patch, until ``most`` are left.
 
-    The largest number of patches of a subject never grows, so an evicted patch is never needed again.
+    Once the atlas is full, the largest number of patches of a subject never grows, so an evicted patch is not needed
+    again.
     """
     subjects = _by_subject(opened)
     for _ in range(_patches(opened.values()) - most):
@@ -168,14 +169,14 @@ def _report(
 
 
 def _counts(crops: Sequence[VideoCrop]) -> Iterator[CropCount]:
-    """Yield the numbers of an image's crops with each outcome, by increasing side."""
+    """Yield the numbers of an image's crops with each outcome, by increasing size."""
     for side, of_side in groupby(crops, lambda crop: crop.square.side_px):
         outcomes = Counter[str](crop.outcome for crop in of_side)
         yield CropCount(crops[0].square.source, side, **outcomes)
 
 
 def _alternate_sides(crops: Sequence[VideoCrop], rng: np.random.Generator) -> list[VideoCrop]:
-    """Return crops in random order with alternating sides, beginning with a random side."""
+    """Return crops in random order with alternating sizes, beginning with a random size."""
     sides = np.array([crop.square.side_px for crop in crops], dtype=np.int64)
     queues = [rng.permutation(np.flatnonzero(sides == side)) for side in rng.permutation(np.unique(sides))]
     return [crops[i] for i in chain.from_iterable(zip_longest(*queues)) if i is not None]

@@ -553,7 +553,7 @@ def test_modes_are_chosen_by_the_size(tmp_path, files):
             assert (rig.size, rig.camera.focal_px, rig.camera.baseline_m) == (size, size.width_px / 2, 0.0502)
     with pytest.raises(ReadError, match="1280 x 720, 672 x 376: give one of these, --size"):
         read(tmp_path, files)
-    with pytest.raises(ReadError, match="not of 320 x 240"):
+    with pytest.raises(ReadError, match="not for 320 x 240"):
         read(tmp_path, files, size=ImageSize(320, 240))
 
 

@@ -136,6 +136,17 @@ def test_what_is_drawn_reaches_cuda_as_it_is_read_back(backend, runtime, reader)
     assert runtime.calls[-12:] == ["cudaGraphicsUnregisterResource"] * 12
 
 
+def test_several_baselines_share_a_left_view_of_tensors(backend, runtime, reader):
+    config = cheap(camera={"baseline_m": None, "baselines": [0.1, 0.2]})
+    with PairRenderer(config, SEED, backend, read=reader) as renderer:
+        sampled = renderer.sampler.sample(0)
+        first, second = renderer.renderer.render_rig(sampled.scene, sampled.views)
+        assert isinstance(second.left.image, torch.Tensor)
+        assert torch.equal(first.left.image, second.left.image)
+        reader.close()
+    assert not runtime.registered
+
+
 @pytest.mark.parametrize("refused", ["cudaGraphicsGLRegisterBuffer", "cudaGraphicsMapResources", "cudaMemcpyAsync"])
 def test_what_cuda_refuses_is_told_and_unmapped(backend, runtime, reader, refused):
     with PairRenderer(cheap(), SEED, backend, read=reader) as renderer:
