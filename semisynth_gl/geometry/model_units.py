@@ -100,8 +100,8 @@ def _texture_stretch(corners: Floats, uv: Floats) -> tuple[Floats, Floats, Float
     The stretch is the largest ratio, over all directions, of a length on the surface to its length in UV. It is
     infinite or NaN if the triangle has no area in UV. ``corners`` is (T, 3, 3), ``uv`` is (T, 3, 2).
     """
-    # [[a, b], [b, c]] has the inner products of two edges on the surface, [[p, q], [q, r]] those of the same edges in
-    # UV. The squared ratios are the eigenvalues of the inverse of the second matrix times the first.
+    # [[a, b], [b, c]] has the inner products of two edges on the surface; [[p, q], [q, r]] has them in UV. The squared
+    # ratios are the eigenvalues of the inverse of the second matrix times the first.
     (a, b, c), (p, q, r) = (
         ((first * first).sum(axis=1), (first * second).sum(axis=1), (second * second).sum(axis=1))
         for first, second in (np.moveaxis(np.diff(points, axis=1), 1, 0) for points in (corners, uv))
