@@ -50,7 +50,7 @@ from semisynth_gl.config.scene_sections import (
     TexturesSection,
 )
 from semisynth_gl.config.yaml_values import KeyPath
-from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, DRAWN_OUTPUTS, OUTPUTS, TruthViews
+from semisynth_gl.frame.channels import ANTIALIASING, DEFAULT_OUTPUTS, DRAWN_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.plugins import Group
 
@@ -169,7 +169,7 @@ class Config(ConfigSection):
     ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``, ``raw``, ``raw_map``"""
     truth: TruthViews = "both"
     """views that get truth: ``both`` or ``left``"""
-    antialias: Annotated[str, one_of(("none", "edges", *(f"ssaa{samples}" for samples in range(2, 9))))] = "none"
+    antialias: Annotated[str, one_of(ANTIALIASING)] = "none"
     """antialiasing of images: ``none``, ``edges``, or ``ssaa2`` to ``ssaa8``"""
 
     @model_validator(mode="before")

@@ -20,7 +20,7 @@ Colour = Literal["rgb", "grey"]
 TruthViews = Literal["both", "left"]
 TRUTH_VIEWS: tuple[TruthViews, ...] = get_args(TruthViews)
 
-ANTIALIAS_PATTERN = r"^(none|edges|ssaa[2-8])$"
+ANTIALIASING = ("none", "edges", *(f"ssaa{samples}" for samples in range(2, 9)))
 
 Value = TypeVar("Value", bound=np.generic)
 _UINT8, _FLOAT32 = np.dtype(np.uint8), np.dtype(np.float32)

@@ -1,6 +1,5 @@
 """A renderer's options: the channels and views that it makes of every pair, and the passes that these need."""
 
-import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,7 +7,7 @@ from typing import Any, Self
 
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import (
-    ANTIALIAS_PATTERN,
+    ANTIALIASING,
     CHANNELS,
     DRAWN_OUTPUTS,
     FLOW_OUTPUTS,
@@ -71,8 +70,7 @@ class RenderOptions:
             )
         check_one_of("truth", truth, TRUTH_VIEWS)
         eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
-        if not re.fullmatch(ANTIALIAS_PATTERN, antialias):
-            raise InputError(f"expected none, edges, or ssaa2 to ssaa8, got {antialias}", argument="antialias")
+        check_one_of("antialias", antialias, ANTIALIASING)
         factor = int(antialias[4:]) if antialias.startswith("ssaa") else 1
         return cls(frozenset(outputs), eyes, rectified, signed, antialias == "edges", factor)
 

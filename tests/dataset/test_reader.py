@@ -60,6 +60,11 @@ def test_16_bit_disparities_beyond_256_px_are_counted(tmp_path, program):
     code, _, err = program("generate", "--config", "middlebury", "--out", out, "--pairs", 1, "--seed", 1, *options)
     assert code == 0, err
     assert "disparities above 256 px, of up to 430 px, become invalid: 16-bit PNG" in err
+    signed = ["--set", "camera.doffs_px=450", "--set", "disparity={signed: true, min_px: -400}"]
+    _, _, err_signed = program(
+        "generate", "--config", "middlebury", "--out", tmp_path / "b", "--pairs", 1, *options, *signed
+    )
+    assert "disparities below -128 px, of up to -400 px, become invalid" in err_signed
     assert findings(out, 100) == []
     path = out / SCENES / "middlebury-000000" / "pair.json"
     (record,) = (out / "shards").glob("semisynth-*.json")

@@ -276,9 +276,11 @@ def test_digests_and_records_are_compared(dataset):
         ("1", "shard", f"shards/{records[1].name} is missing"),
         ("2", "files", f"{calib} is not in the shard's record"),
     ]
-    found = verified(dataset).findings
+    result = verified(dataset)
+    found = result.findings
     assert [(finding.scene[-1], finding.check) for finding in found] == [each[:2] for each in expected]
     assert all(finding.message.startswith(words) for finding, (*_, words) in zip(found, expected, strict=True))
+    assert list(result.remove) == [f"shards/{record.name}" for record in records]
 
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
