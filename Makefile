@@ -1,4 +1,4 @@
-# `make` lists what can be made. Every target sets up what it needs: the environment in .venv, OpenGL's libraries.
+# `make` lists the targets. Each target first installs what it needs: the environment .venv, and OpenGL.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -12,7 +12,7 @@ BACKEND ?=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules
-# The tests start hundreds of programs, and without bytecode each compiles all modules again.
+# The tests start hundreds of processes: without cached bytecode, each would compile all modules.
 unexport PYTHONDONTWRITEBYTECODE
 
 CONFIGS := middlebury kitti eth3d sceneflow zero-shot active-infrared
@@ -24,10 +24,10 @@ $(error BACKEND must be auto, egl or osmesa, not $(BACKEND))
 endif
 scene_options = --seed $(SEED) --backend $(backend) $(if $(MODELS),--models "$(MODELS)")
 with_images = $(if $(IMAGES),--images "$(IMAGES)")
-# A sheet shows a pair of each recipe, four at least, but no more pairs than a small dataset has.
+# The contact sheet has a pair of each recipe, and at least four pairs, but not more than the dataset.
 shown = $(if $(filter 1 2 3,$(PAIRS)),--pairs $(PAIRS))
 
-# $(call render,CONFIG,IMAGE OPTIONS): a dataset, and a contact sheet beside it.
+# $(call render,CONFIG,IMAGE OPTIONS): a dataset and its contact sheet.
 define render
 $(VENV)/bin/semisynth-gl generate --config $(1) --out $(OUT)/$(1) --pairs $(PAIRS) --overwrite $(scene_options) $(2)
 $(VENV)/bin/semisynth-gl preview --config $(1) --out $(OUT)/$(1).png $(shown) $(scene_options) $(2)
@@ -48,43 +48,42 @@ middlebury kitti eth3d sceneflow zero-shot active-infrared: setup  ## render PAI
 ablation-geometry: setup  ## the same scenes from simple models only, and from complex ones only
 	$(foreach config,$(GEOMETRIES),$(call render,$(config),$(with_images)))
 
-# Procedural textures and free photographs stay what they are: IMAGES are the target's.
+# IMAGES replaces only the photographs of the target.
 .PHONY: ablation-textures
 ablation-textures: setup  ## procedural textures, photographs, and with IMAGES= the target's photographs
 	$(call render,ablation-textures-procedural)
 	$(call render,ablation-textures-photos)
 	$(if $(IMAGES),$(call render,ablation-textures-target,$(with_images)),\
-	@echo "Left out: the target's photographs. To add them: make ablation-textures IMAGES=path" >&2)
+	@echo "Without ablation-textures-target: give its photographs, make ablation-textures IMAGES=path" >&2)
 
-# Lint's complaints do not keep the tests from running: one run shows all that is wrong.
+# The tests run even if lint fails, so that one run shows all faults.
 .PHONY: test
 test: $(VENV)/.dev  ## lint, and the tests without PyTorch and Ray, on EGL and OSMesa where they are installed
-	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
-	@sh tools/browser-packages.sh
+	@sh tools/system-packages.sh $(VENV)/bin/python $(system)
 	@status=0; \
 	$(MAKE) --no-print-directory lint || status=1; \
 	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal || status=1; \
 	exit $$status
 
-# Examples of the property tests are the same in each run of test, and others here in each commit: a commit is red for
-# everybody, or for nobody. EXAMPLES=4711 tries others.
+# In `make test`, property tests always try the same examples. Here the commit's hash seeds them, so that they are new in
+# each commit, but the same for everybody. EXAMPLES=4711 gives another seed.
 EXAMPLES ?= $(shell printf %d 0x$$(git rev-parse --short=7 HEAD 2>/dev/null || echo 0))
 .PHONY: test-heavy
 test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), and property tests on random examples
-	@sh tools/browser-packages.sh
+	@sh tools/system-packages.sh $(VENV)/bin/python $(system)
 	$(VENV)/bin/mypy
 	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal -m "heavy or hypothesis" \
 	    --hypothesis-profile random --hypothesis-seed $(EXAMPLES)
 
-# Material announces its successor in each build.
+# The variable turns off mkdocs-material's notice about its successor.
 .PHONY: docs
 docs: build/gallery/.drawn $(VENV)/.docs  ## build the documentation as a site into build/docs, pictures and all
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --quiet --strict
 	@echo "Open build/docs/index.html"
 
-# Everything that a picture may depend on.
+# The prerequisites are all files on which a picture may depend.
 build/gallery/.drawn: docs/make_gallery.py $(shell find semisynth_gl shaders configs assets -type f ! -name '*.pyc') | setup
-	@echo "Drawing the gallery's pictures, which takes minutes without a GPU"
+	@echo "Rendering the gallery's pictures, which takes minutes without a GPU"
 	rm -rf build/gallery
 	$(VENV)/bin/python docs/make_gallery.py build/gallery
 	@touch $@
@@ -102,8 +101,8 @@ format: $(VENV)/.dev  ## let ruff rewrite the Python files
 	$(VENV)/bin/ruff format .
 
 .PHONY: setup
-setup: $(VENV)/.installed  ## the environment in VENV, and OpenGL's libraries where they are missing
-	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
+setup: $(VENV)/.installed  ## the environment in VENV, and OpenGL's libraries if they are missing
+	@sh tools/system-packages.sh $(VENV)/bin/python $(system)
 
 .PHONY: doctor
 doctor: $(VENV)/.installed  ## show what OpenGL this machine offers, and test it
@@ -120,35 +119,35 @@ clean:  ## remove the environment, caches and built packages; datasets in OUT st
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find $(wildcard semisynth_gl tests benchmarks examples docs) -type d -name __pycache__ -exec rm -rf {} +
 
-# Make hands these down to what setup and test need, so that a machine without OpenGL's libraries says so before it
-# downloads anything. Lint and doctor run without.
-setup docs: opengl := $(backend)
-test test-heavy: opengl := egl osmesa
+# What system-packages.sh checks, before anything is downloaded: prerequisites inherit a target's variables. Lint and
+# doctor need no OpenGL.
+setup docs: system := $(backend)
+test test-heavy: system := egl osmesa chromium
 
-# The stamps lie in the environment, so that they go when it goes.
+# The stamp files are inside the environment, so that removing the environment removes them.
 $(VENV)/.made:
-	@sh tools/system-packages.sh $(PYTHON) $(opengl)
+	@sh tools/system-packages.sh $(PYTHON) $(system)
 	$(PYTHON) -m venv $(VENV)
 	@touch $@
 
 install = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable
 
 $(VENV)/.installed: pyproject.toml $(VENV)/.made
-	@echo "Installing semisynth-gl and what it needs into $(VENV)"
+	@echo "Installing semisynth-gl and its dependencies into $(VENV)"
 	$(install) .
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml $(VENV)/.made
-	@echo "Installing semisynth-gl, what it needs and what its tests need into $(VENV)"
+	@echo "Installing semisynth-gl and the dependencies of its tests into $(VENV)"
 	$(install) ".[dev]"
 	@touch $(VENV)/.installed $@
 
 $(VENV)/.docs: pyproject.toml $(VENV)/.made
-	@echo "Installing semisynth-gl, what it needs and what its documentation needs into $(VENV)"
+	@echo "Installing semisynth-gl and the dependencies of its documentation into $(VENV)"
 	$(install) ".[docs]"
 	@touch $(VENV)/.installed $@
 
 $(VENV)/.heavy: pyproject.toml $(VENV)/.made
-	@echo "Installing semisynth-gl and what all of its tests need, PyTorch among it, into $(VENV)"
+	@echo "Installing semisynth-gl and the dependencies of all tests, such as PyTorch, into $(VENV)"
 	$(install) ".[heavy]"
 	@touch $(VENV)/.installed $(VENV)/.dev $(VENV)/.docs $@

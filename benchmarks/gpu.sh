@@ -1,11 +1,10 @@
 #!/bin/sh
-# Measure a machine with an NVIDIA GPU and nothing but Python, in ten minutes once the packages are there:
+# Measure a machine with an NVIDIA GPU. It needs only Python, and takes ten minutes after the packages are installed:
 #
 #   benchmarks/gpu.sh [PART...]     doctor, tests, memory, speed, accuracy, training; by default all
 #
-# OUT (out/gpu) gets PART.log of each. PYTHON is python3 and VENV .venv-gpu unless they are set. The environment sees the
-# packages that PYTHON has, so a PyTorch with CUDA that is there is used. WHEELS is a folder of wheels, for a machine that
-# reaches no package index.
+# Each part writes PART.log into the folder OUT (out/gpu). PYTHON (python3) makes the environment VENV (.venv-gpu), which
+# also uses PYTHON's packages, such as a PyTorch with CUDA. Without a package index, give a folder of wheels as WHEELS.
 set -eu
 cd "$(dirname "$0")/.."
 outer=${PYTHON:-python3}
@@ -18,7 +17,7 @@ say() {
 }
 
 install() {
-    # PYTHON's pip can fill an environment that has none of its own, as on Debian without python3-venv.
+    # Without python3-venv, the environment has no pip: PYTHON's pip installs into it.
     set -- install --quiet --disable-pip-version-check "$@"
     [ -z "${WHEELS:-}" ] || set -- "$@" --no-index --find-links "$WHEELS"
     if "$python" -m pip --version >/dev/null 2>&1; then
@@ -32,12 +31,12 @@ if [ ! -e "$venv/.ready" ]; then
     say "Making the environment $venv"
     "$outer" -m venv --clear "$venv" 2>/dev/null || "$outer" -m venv --clear --without-pip "$venv"
     own=$("$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
-    # An environment made from another environment's Python would see the system's packages, and not that one's.
+    # If PYTHON is itself in an environment, --system-site-packages would give the system's packages instead of PYTHON's.
     "$outer" -c 'import sys; print("\n".join(path for path in sys.path if path.endswith("-packages")))' >"$own/outer.pth"
     if [ -z "${WHEELS:-}" ]; then
         install --editable ".[dev]"
     else
-        # What only some tests need may be missing there.
+        # Packages that only some tests need may be missing in WHEELS.
         install hatchling editables
         install --no-build-isolation --editable . pytest pytest-xdist hypothesis
         for each in opencv-python-headless psutil webdataset fsspec imageio lightning tensorboard; do
@@ -45,18 +44,18 @@ if [ ! -e "$venv/.ready" ]; then
         done
     fi
     "$python" -c "import torch" 2>/dev/null || install torch==2.13.0 || say "Going on without PyTorch"
-    # Bindings of a newer CUDA than PyTorch's may want a newer driver.
+    # Bindings for a newer CUDA than PyTorch's may need a newer driver.
     cuda=$("$python" -c 'import torch; print((torch.version.cuda or "").split(".")[0])' 2>/dev/null) || cuda=""
     install "cuda-bindings${cuda:+==$cuda.*}" "cuda-bindings>=12.8" || say "Going on without cuda-bindings: no tensors on the GPU"
     touch "$venv/.ready"
 fi
-# What is there already may be all that there is to have: a machine that reaches no packages waits for them.
+# Skipped if OpenGL works, since apt-get waits long on a machine without network.
 if ! "$python" -c 'from semisynth_gl.render.context import open_context; open_context("egl")' 2>/dev/null; then
     sh tools/system-packages.sh "$python" egl || say "Going on without OpenGL's packages"
 fi
 
 mkdir -p "$out"
-# Tell EGL of NVIDIA's driver where no file does, as in many containers.
+# Many containers lack the file by which EGL finds NVIDIA's driver.
 if [ -e /dev/nvidiactl ] && ! grep -qs libEGL_nvidia /etc/glvnd/egl_vendor.d/*.json /usr/share/glvnd/egl_vendor.d/*.json
 then
     echo '{"file_format_version": "1.0.0", "ICD": {"library_path": "libEGL_nvidia.so.0"}}' >"$out/10_nvidia.json"
@@ -65,7 +64,7 @@ fi
 export SEMISYNTH_GL_EXPECT_BACKENDS=egl
 failed=0
 
-# Run one part, for so many seconds at most.
+# part NAME SECONDS ARGUMENTS: run Python with a time limit, and log its output.
 part() {
     name=$1 seconds=$2
     shift 2

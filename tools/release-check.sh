@@ -1,6 +1,6 @@
 #!/bin/sh
-# Build the sdist and the wheel into dist/, check them as an index does, and use the wheel as a stranger would: from an
-# environment of its own, in an empty folder.
+# Build sdist and wheel into dist/, check them as a package index does, install the wheel into a fresh environment, and
+# run it in an empty folder.
 #
 #   tools/release-check.sh PYTHON
 set -eu

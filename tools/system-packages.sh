@@ -1,29 +1,22 @@
 #!/bin/sh
-# Bring what pip cannot: Python's venv module, OpenGL's libraries and a driver.
+# Install the Debian packages that pip cannot install, if they are missing.
 #
-#   tools/system-packages.sh PYTHON BACKEND...
+#   tools/system-packages.sh PYTHON [auto] [egl] [osmesa] [chromium]
 #
-# BACKEND is auto, egl or osmesa; of several, one that works is enough to go on. Does nothing where all is well.
-# Otherwise it installs Debian's packages if it may (as root, or with a sudo that asks for no password), and if it may
-# not, it stops with the one line to type.
+# It checks Python's venv module, the named OpenGL backends, and Chromium, in which tests open the report. It needs root
+# or a sudo without password; otherwise it prints the command. It fails if Python is too old, if venv is missing, or if
+# none of the named backends works. Chromium may be missing: its tests are then skipped.
 set -eu
-
-# The packages that semisynth_gl/render/context.py names too.
-opengl_packages="libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri"
-osmesa_package="libosmesa6"
-
 python=$1
 shift
-backends=$*
 
 say() {
     echo "$@" >&2
 }
 
-# The only proof of OpenGL is an open context, and it takes the installed package. Before that, the system's Python can
-# at least load the libraries: whoever lacks them hears so before anything is downloaded. (-P: the checkout itself, which
-# stands in the current folder without what it needs, is not the installed package.)
-works() {
+# An open context proves that OpenGL works. Before the program is installed, only its libraries can be loaded.
+# -P ignores the checkout in the current folder, whose dependencies may be missing.
+opens_context() {
     "$python" -P - "$1" >/dev/null 2>&1 <<'END'
 import sys
 from ctypes import CDLL
@@ -32,110 +25,77 @@ backend = sys.argv[1]
 try:
     from semisynth_gl.render.context import open_context
 except ImportError:
-    libraries = {"egl": ["libEGL.so.1", "libGL.so.1"], "osmesa": ["libOSMesa.so.8"]}
     try:
-        for library in libraries.get(backend, libraries["egl"]):
+        for library in ["libOSMesa.so.8"] if backend == "osmesa" else ["libEGL.so.1", "libGL.so.1"]:
             CDLL(library)
     except OSError:
         if backend != "auto":
             raise
-        CDLL(*libraries["osmesa"])
+        CDLL("libOSMesa.so.8")
 else:
     open_context(backend).release()
 END
 }
 
-# Sets $working and $missing.
-try_backends() {
-    working=""
-    missing=""
-    for backend in $backends; do
-        if works "$backend"; then working="$working $backend"; else missing="$missing $backend"; fi
+# Set $missing, $packages, $venv (missing or not) and $backend: none needed, missing, or one that works.
+check() {
+    missing="" packages="" venv="" backend=none
+    if ! "$python" -c "import ensurepip, venv" 2>/dev/null; then
+        venv=missing missing=" venv"
+        packages="$("$python" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')"
+    fi
+    for need; do
+        case $need in
+            chromium)
+                command -v chromium >/dev/null && command -v chromedriver >/dev/null && continue
+                packages="$packages chromium chromium-driver" ;;
+            *)
+                if opens_context "$need"; then
+                    backend=$need
+                    continue
+                fi
+                [ $backend != none ] || backend=missing
+                packages="$packages libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri libosmesa6" ;;
+        esac
+        missing="$missing $need"
     done
 }
 
-# Sets $venv_package to what brings Python's venv module, or to nothing.
-try_venv() {
-    venv_package=""
-    "$python" -c "import ensurepip, venv" 2>/dev/null ||
-        venv_package="$("$python" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')"
+# Set $packages to those that this system offers. Mesa 25.1 dropped OSMesa, and Ubuntu's Chromium is a snap.
+keep_offered() {
+    offered=""
+    for package in $packages; do
+        apt-cache show "$package" >/dev/null 2>&1 && offered="$offered $package"
+    done
+    packages=$offered
 }
 
-apt_has() {
-    apt-cache show "$1" >/dev/null 2>&1
-}
-
-if ! "$python" -c "import sys; sys.exit(sys.version_info < (3, 11))" 2>/dev/null; then
-    found=$("$python" --version 2>/dev/null) || found="no such program"
-    say "Python 3.11 or newer is needed, but $python is: $found. Name another: make PYTHON=python3.12 ..."
-    exit 1
-fi
-
-try_venv
-try_backends
-if [ -z "$venv_package$missing" ]; then
-    exit 0
-fi
-# A distribution whose Mesa has dropped OSMesa offers no package of it: nothing is left to install then.
-if [ -z "$venv_package" ] && [ -n "$working" ] && [ "$missing" = " osmesa" ] && apt_has libegl1 &&
-    ! apt_has "$osmesa_package"; then
-    say "OSMesa is missing, and this system offers no package of it; going on with$working."
-    exit 0
-fi
-
-# Tells what is missing, and stops unless the rest is enough to go on with.
-# $1: what to do about it.
-stop_or_go_on() {
-    lacking="${venv_package:+Python's venv module}${venv_package:+${missing:+ and }}${missing:+OpenGL}"
-    # What to render with is named where it matters which.
-    [ -z "$missing" ] || [ "$missing" = " auto" ] || lacking="$lacking ($(echo $missing))"
-    if [ -z "$venv_package" ] && [ -n "$working" ]; then
-        say "Missing: $lacking. Going on with$working. To have all: $1"
-        exit 0
-    fi
-    say "Missing: $lacking. $1"
+"$python" -c "import sys; sys.exit(sys.version_info < (3, 11))" 2>/dev/null || {
+    say "Python 3.11 or newer is needed, but $python is $("$python" --version 2>/dev/null || echo missing): make PYTHON=python3.12 ..."
     exit 1
 }
-
-if ! command -v apt-get >/dev/null; then
-    stop_or_go_on "Install it with this system's package manager: libEGL.so.1, libGL.so.1 and a driver make OpenGL."
-fi
-
-packages="$venv_package"
-[ -z "$missing" ] || packages="$packages $opengl_packages"
-may=no
+check "$@"
+[ -n "$missing" ] || exit 0
 sudo=""
-if [ "$(id -u)" -eq 0 ]; then
-    may=yes
-elif command -v sudo >/dev/null; then
-    sudo="sudo "
-    ! sudo -n true 2>/dev/null || may=yes
+[ "$(id -u)" -eq 0 ] || sudo="sudo -n"
+command="apt-get install -y --no-install-recommends"
+if ! command -v apt-get >/dev/null; then
+    say "Missing:$missing. Install it with this system's package manager (OpenGL: libEGL, libGL and a driver)."
+elif [ -n "$sudo" ] && ! $sudo true 2>/dev/null; then
+    say "Missing:$missing. As root, type: apt-get update && $command $packages"
+else
+    # Without package lists, no package is offered.
+    apt-cache show libegl1 >/dev/null 2>&1 || $sudo apt-get update -q
+    keep_offered
+    if [ -n "$packages" ]; then
+        say "Missing:$missing. Installing$packages"
+        $sudo apt-get update -q || say "apt-get update failed: using the package lists that are there."
+        $sudo env DEBIAN_FRONTEND=noninteractive $command -q $packages || say "apt-get install failed."
+        check "$@"
+    fi
+    [ -z "$missing" ] || say "Still missing:$missing."
 fi
-
-if [ $may = yes ]; then
-    # A package list that cannot be fetched may have nothing to do with these packages: installing them will tell.
-    ${sudo}apt-get update -q || say "apt-get update failed; going on with the package lists that are here."
-fi
-if [ -n "$missing" ] && apt_has "$osmesa_package"; then
-    packages="$packages $osmesa_package"
-fi
-packages=${packages# }
-
-if [ $may = no ]; then
-    who=""
-    [ -n "$sudo" ] || who=", as root"
-    stop_or_go_on "Type this$who: ${sudo}apt-get update && ${sudo}apt-get install -y $packages"
-fi
-
-say "Installing $packages"
-${sudo}env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $packages
-try_venv
-try_backends
-if [ -n "$venv_package" ]; then
-    say "$venv_package is installed, and still $python has no venv module."
-    exit 1
-fi
-if [ -z "$working" ]; then
-    say "The packages are installed, and still no OpenGL context opens ($(echo $missing)). \`make doctor\` shows why."
+if [ -n "$venv" ] || [ $backend = missing ]; then
+    say "Cannot go on. If OpenGL is missing, \`make doctor\` shows why."
     exit 1
 fi

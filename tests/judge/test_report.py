@@ -144,7 +144,7 @@ def browser():
     """A driver of Debian's Chromium; skipped where there is none, unless CI says that it must be there."""
     missing = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
     if missing:
-        fault = f"no {' and no '.join(missing)} here (tools/browser-packages.sh brings them)"
+        fault = f"no {' and no '.join(missing)} here (`make test` installs them)"
         if os.environ.get("SEMISYNTH_GL_EXPECT_BROWSER"):
             pytest.fail(f"a browser was expected here: {fault}")
         pytest.skip(fault)
