@@ -42,7 +42,7 @@ check() {
     missing="" packages="" venv="" backend=none
     if ! "$python" -c "import ensurepip, venv" 2>/dev/null; then
         venv=missing missing=" venv"
-        packages="$("$python" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')"
+        packages=$("$python" -c 'import sys; print(" python%d.%d-venv" % sys.version_info[:2])')
     fi
     for need; do
         case $need in
@@ -63,6 +63,7 @@ check() {
 
 # Set $packages to those that this system offers. Mesa 25.1 dropped OSMesa, and Ubuntu's Chromium is a snap.
 keep_offered() {
+    apt-cache show libegl1 >/dev/null 2>&1 || return 0 # no package lists yet
     offered=""
     for package in $packages; do
         apt-cache show "$package" >/dev/null 2>&1 && offered="$offered $package"
@@ -81,19 +82,18 @@ sudo=""
 command="apt-get install -y --no-install-recommends"
 if ! command -v apt-get >/dev/null; then
     say "Missing:$missing. Install it with this system's package manager (OpenGL: libEGL, libGL and a driver)."
-elif [ -n "$sudo" ] && ! $sudo true 2>/dev/null; then
-    say "Missing:$missing. As root, type: apt-get update && $command $packages"
 else
-    # Without package lists, no package is offered.
-    apt-cache show libegl1 >/dev/null 2>&1 || $sudo apt-get update -q
     keep_offered
-    if [ -n "$packages" ]; then
-        say "Missing:$missing. Installing$packages"
+    if [ -n "$packages" ] && [ -n "$sudo" ] && ! $sudo true 2>/dev/null; then
+        say "As root, type: apt-get update && $command$packages"
+    elif [ -n "$packages" ]; then
+        say "Missing:$missing. Installing packages"
         $sudo apt-get update -q || say "apt-get update failed: using the package lists that are there."
+        keep_offered
         $sudo env DEBIAN_FRONTEND=noninteractive $command -q $packages || say "apt-get install failed."
         check "$@"
     fi
-    [ -z "$missing" ] || say "Still missing:$missing."
+    [ -z "$missing" ] || say "Missing:$missing."
 fi
 if [ -n "$venv" ] || [ $backend = missing ]; then
     say "Cannot go on. If OpenGL is missing, \`make doctor\` shows why."
