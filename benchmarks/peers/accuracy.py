@@ -1,4 +1,4 @@
-"""How exact the disparities are that peers write, measured with the project's float64 ray cast."""
+"""Errors of the disparities that the compared renderers write, against the project's float64 rays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from scene import PeerScene
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.scene.raycast import cast_rays
 
-# A pixel counts where nothing but one instance is seen this far around it, without a jump of disparity ...
+# A pixel counts if only one instance is within this distance around it, without a jump of disparity,
 _FROM_EDGE_PX = 2
 _JUMP_PX = 1.0
-# ... and one triangle this far: beside a crease, an edge of the rasteriser's grid decides whose plane is drawn.
+# and only one triangle within this distance: beside a crease, vertex rounding decides which triangle is drawn.
 _FROM_CREASE_PX = 0.05
 _AROUND = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if (x, y) != (0, 0)]
 
@@ -36,7 +36,7 @@ class Truth:
 
 
 def cast_truth(scene: PeerScene, frames: Sequence[int], rays: int = 3000) -> Truth:
-    """Cast rays through pixels chosen at random; those near silhouettes and creases are left out."""
+    """Cast rays through random pixels, without pixels near outlines and creases."""
     models, truth = own_models(scene), Truth({}, {}, {})
     rng = np.random.default_rng(0)
     for frame in frames:
@@ -57,13 +57,13 @@ def cast_truth(scene: PeerScene, frames: Sequence[int], rays: int = 3000) -> Tru
 
 
 def read_disparity_map(folder: Path) -> np.ndarray:
-    """Read the left disparity that a peer wrote into a pair's folder, PFM or EXR."""
+    """Read the left disparity in a pair's folder, PFM or EXR."""
     [path] = (path for path in folder.glob("disp*") if "right" not in path.name)
     return read_exr(path) if path.suffix == ".exr" else PFM.read(path)
 
 
 def errors_px(out: Path, truth: Truth) -> dict[str, float]:
-    """Compare a peer's pairs with the truth: median, 99.9 % and worst absolute error of disparity."""
+    """Return the median, the 99.9 % quantile and the maximum of a renderer's absolute errors of disparity."""
     parts = []
     for frame, disparity in truth.disparity_px.items():
         drawn = read_disparity_map(out / f"{frame:06d}")[truth.row[frame], truth.column[frame]]

@@ -1,4 +1,4 @@
-"""OpenEXR as Blender writes one float channel: scanlines, stored or ZIP."""
+"""Reads OpenEXR files of one float channel as Blender writes them: scanlines, uncompressed or ZIP."""
 
 import struct
 import zlib
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-_ROWS_OF_A_BLOCK = {0: 1, 3: 16}  # of the compressions "none" and "ZIP"
+_ROWS_OF_A_BLOCK = {0: 1, 3: 16}  # for the compressions none and ZIP
 _FLOAT = 2
 
 
@@ -15,7 +15,7 @@ def read_exr(path: Path) -> np.ndarray:
     data = path.read_bytes()
     attributes, at = _header(data)
     if attributes["compression"][0] not in _ROWS_OF_A_BLOCK:
-        raise ValueError(f"{path}: compression {attributes['compression'][0]} is neither none nor ZIP")
+        raise ValueError(f"{path}: compression {attributes['compression'][0]} is not supported: expected none or ZIP")
     rows_of_a_block = _ROWS_OF_A_BLOCK[attributes["compression"][0]]
     left, top, right, bottom = struct.unpack("<4i", attributes["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
@@ -29,14 +29,14 @@ def read_exr(path: Path) -> np.ndarray:
         first, size = struct.unpack_from("<ii", data, offset)
         rows = image[first - top : first - top + rows_of_a_block]
         block = data[offset + 8 : offset + 8 + size]
-        # A block that compression would not make smaller is stored.
+        # A block that compression does not make smaller is stored uncompressed.
         block = block if size == rows.nbytes else _unzipped(block)
         rows[:] = np.frombuffer(block, "<f4").reshape(rows.shape)
     return np.ascontiguousarray(image[:, 0])
 
 
 def _header(data: bytes) -> tuple[dict[str, bytes], int]:
-    """Split the header into its attributes by name; return where it ends, too."""
+    """Return the header's attributes by name, and the position of its end."""
     attributes, at = {}, 8
     while data[at]:
         name, _, rest = data[at : at + 512].partition(b"\0")
@@ -58,7 +58,7 @@ def _channel_kinds(listed: bytes) -> list[int]:
 
 
 def _unzipped(block: bytes) -> bytes:
-    """Undo ZIP: differences of bytes, of which the even ones come first."""
+    """Undo ZIP: the even bytes, then the odd bytes, as differences of successive bytes."""
     steps = np.frombuffer(zlib.decompress(block), np.uint8).copy()
     steps[1:] -= 128
     halves = np.cumsum(steps, dtype=np.uint8)

@@ -1,8 +1,8 @@
-"""The loop that every peer runs: draw and write pair after pair of the scene, and time it.
+"""The loop that every compared renderer runs: render and write pairs of the scene, and time it.
 
-A peer's script hands `run` a function that opens the peer. The process warms up on its first pair, says READY, waits
-for a line on its standard input, so that several processes can start at the same time, draws its pairs and says DONE
-with what it measured.
+A renderer's script passes `run` a function that opens the renderer. The process renders its first pair, prints READY,
+and waits for a line on standard input, so that several processes start at the same time. Then it renders its pairs, and
+prints DONE with its measurements.
 """
 
 import argparse
@@ -25,14 +25,14 @@ sys.path.append(str(Path(__file__).resolve().parents[2]))
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Options of a peer's process.
+    """Options of a renderer's process.
 
     Attributes:
         scene: the scene's folder.
-        out: where the pairs' folders go.
-        frames: which frames this process draws.
-        variant: the peer's variant of drawing; the peer's script lists them.
-        our_encoders: write with the encoders of semisynth_gl instead of the peer's usual ones.
+        out: folder for the pairs' folders.
+        frames: numbers of the frames that this process renders.
+        variant: one of the variants that the renderer's script lists.
+        our_encoders: whether to write with semisynth_gl's encoders instead of the renderer's usual ones.
     """
 
     scene: Path
@@ -47,25 +47,25 @@ class Peer(Protocol):
 
     @property
     def version(self) -> str:
-        """Its version and the device it draws on; asked for at the end."""
+        """Its version, and the device on which it renders; called after rendering."""
 
     def write_pair(self, frame: int, folder: Path) -> None:
-        """Draw one frame and write left and right image and the left disparity into an existing folder."""
+        """Render a frame; write both images and the left disparity into an existing folder."""
 
 
 def write_arrays(
     folder: Path, left: np.ndarray, right: np.ndarray, disparity: np.ndarray, *, our_encoders: bool
 ) -> None:
-    """Write a pair that a peer has as arrays: the images as Pillow does at its fastest level, or as ours.
+    """Write a pair from arrays: images by Pillow at its fastest level, or by our encoders.
 
     Args:
-        folder: where to.
+        folder: an existing folder.
         left: (H, W, 3) uint8.
         right: (H, W, 3) uint8.
         disparity: (H, W) float32.
         our_encoders: see `Options`.
     """
-    # Found once the path above is set.
+    # These modules are found only with the path above.
     from semisynth_gl.codecs.pfm import PFM  # noqa: PLC0415
     from semisynth_gl.codecs.png import RGB8  # noqa: PLC0415
 

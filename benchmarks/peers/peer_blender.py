@@ -1,11 +1,11 @@
 """Blender, as the bpy package.
 
-Variants: workbench (flat, textured) and eevee (emission only, one sample), neither antialiased. One object for each
-instance. Workbench renders each eye by itself, Eevee both as the views of one render. Blender writes the images as PNG
-at its usual compression, and its compositor writes f B / depth of the left eye as ZIP-compressed float EXR.
+Variants: workbench (flat, textured) and eevee (emission only, one sample), both without antialiasing. Each instance is
+an object. Workbench renders each eye separately, Eevee both eyes in one render. Blender writes the images as PNG at its
+default compression, and its compositor writes f B / depth of the left eye as float EXR with ZIP compression.
 
-For our encoders its pixels must leave it: it writes uncompressed Targa and EXR to memory (/dev/shm where there is one),
-which are read back from there.
+With our encoders, Blender writes uncompressed Targa and EXR files to memory (/dev/shm if it exists), from which this
+script reads the pixels.
 """
 
 import atexit
@@ -41,7 +41,7 @@ _COSTLY_EFFECTS = (
 
 
 class Blender:
-    """Each frame gives the objects their mesh, material and pose, and renders twice."""
+    """Sets mesh, material and pose of all objects for each frame, and renders both eyes."""
 
     def __init__(self, scene: PeerScene, options: Options) -> None:
         self._scene = scene
@@ -63,7 +63,7 @@ class Blender:
 
     @property
     def version(self) -> str:
-        """See `loop.Peer`; only once something was drawn can the device be asked for."""
+        """See `loop.Peer`. Blender knows the device only after it has rendered."""
         return f"{bpy.app.version_string}, {gpu.platform.renderer_get()}"
 
     def write_pair(self, frame: int, folder: Path) -> None:
@@ -106,7 +106,7 @@ class Blender:
         bpy.ops.render.render(write_still=True)
 
     def _set_up_views(self) -> None:
-        """Let one render take both eyes; its left one is the camera."""
+        """Make each render include both eyes; the scene's camera is the left one."""
         render, stereo = self._blender.render, self._left.data.stereo
         render.use_multiview = True
         for view in render.views:
@@ -170,7 +170,7 @@ class Blender:
         return eye
 
     def _disparity_output(self) -> bpy.types.Node:
-        """Let the compositor divide f B by the depth pass and write the result; return the node that writes."""
+        """Make the compositor write f B / depth; return the node that writes the file."""
         tree = bpy.data.node_groups.new("compositor", "CompositorNodeTree")
         self._blender.compositing_node_group = tree
         tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
@@ -191,7 +191,7 @@ class Blender:
         return output
 
     def _read_targa(self, path: Path) -> np.ndarray:
-        """Read an uncompressed Targa, (H, W, 3) uint8; Blender's holds blue first and the bottom row first."""
+        """Read an uncompressed Targa, (H, W, 3) uint8; Blender writes BGR, and the bottom row first."""
         pixels = np.fromfile(path, np.uint8, offset=_TARGA_HEADER_BYTES)
         size = self._scene.height_px * self._scene.width_px * 3
         return pixels[:size].reshape(self._scene.height_px, self._scene.width_px, 3)[::-1, :, ::-1]
@@ -208,7 +208,7 @@ def _material(patch: Path) -> bpy.types.Material:
     texture.image = bpy.data.images.load(str(patch))
     tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
     tree.links.new(emission.outputs[0], output.inputs["Surface"])
-    tree.nodes.active = texture  # what Workbench shows
+    tree.nodes.active = texture  # Workbench shows this texture
     texture.select = True
     return material
 

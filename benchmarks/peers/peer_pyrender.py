@@ -1,6 +1,7 @@
 """pyrender, unlit (RenderFlags.FLAT) and offscreen on EGL.
 
-Variants: msaa4 is pyrender as it ships, with four samples of colour and of depth; none patches its multisampling out.
+Variants: msaa4 is pyrender as released, with four samples of colour and depth per pixel. none patches multisampling
+out.
 """
 
 import os
@@ -18,7 +19,7 @@ from scene import FAR_M, NEAR_M, OPENGL_FROM_CAMERA, Model, PeerScene
 
 
 class Pyrender:
-    """Meshes are made once for each pair of model and patch; each frame replaces the scene's nodes."""
+    """Makes a mesh for each combination of model and patch, and replaces the scene's nodes in each frame."""
 
     def __init__(self, scene: PeerScene, options: Options) -> None:
         if options.variant == "none":
@@ -38,7 +39,7 @@ class Pyrender:
             for model in [*scene.models, *scene.walls]
         ]
         self._drawn = pyrender.Scene(bg_color=[0, 0, 0, 0], ambient_light=[1, 1, 1])
-        # What a scene does not hold, pyrender deletes from the GPU: a mesh that is not drawn keeps all patches there.
+        # pyrender deletes textures that the scene does not use from the GPU: a hidden mesh uses all patches.
         kept = pyrender.Mesh([primitive(scene.walls[0], material) for material in materials], is_visible=False)
         self._drawn.add(kept)
         self._eye = self._drawn.add(
@@ -77,13 +78,13 @@ class Pyrender:
 
 
 def primitive(model: Model, material: pyrender.Material) -> pyrender.Primitive:
-    """Make pyrender's kind of mesh."""
+    """Convert a mesh to pyrender's."""
     corners = model.triangles.ravel()
     return pyrender.Primitive(positions=model.positions[corners], texcoord_0=model.uv[corners], material=material)
 
 
 def _without_multisampling() -> None:
-    """Let pyrender's multisampled buffers have one sample."""
+    """Give pyrender's multisampled buffers one sample per pixel."""
     allocate = pyrender.renderer.glRenderbufferStorageMultisample
 
     def allocate_single(target: int, _samples: int, kind: int, width: int, height: int) -> None:

@@ -1,7 +1,7 @@
 """This project's renderer: one `Renderer` for all frames, its arrays written by its own encoders.
 
-Variants: none, edges and ssaa2 antialias the images that way; all is none with the right disparity and both
-visibilities as well, which is what a dataset's pair holds.
+Variants: none, edges and ssaa2 are antialiasing modes, with only the left disparity. all is none with both disparities
+and both visibility masks, as in a dataset.
 """
 
 from pathlib import Path
@@ -21,7 +21,7 @@ from semisynth_gl.scene.scene import Scene, make_scene
 
 
 def own_models(scene: PeerScene) -> list[Mesh]:
-    """Convert the models, the walls last."""
+    """Convert the models; the walls come last."""
     return [
         marked_solid(make_mesh(str(number), model.positions, model.uv, model.triangles))
         for number, model in enumerate([*scene.models, *scene.walls])
@@ -29,13 +29,13 @@ def own_models(scene: PeerScene) -> list[Mesh]:
 
 
 def own_scene(scene: PeerScene, frame: int) -> Scene:
-    """Convert one frame."""
+    """Convert a frame."""
     return make_scene(
         StereoCamera.centred(scene.width_px, scene.height_px, scene.focal_px, scene.baseline_m),
         model=np.concatenate([scene.model[frame], len(scene.models) + np.arange(len(scene.walls))]),
         world_from_model=np.concatenate([scene.camera_from_model[frame], np.tile(np.eye(4), (len(scene.walls), 1, 1))]),
         layer=np.concatenate([scene.patch[frame], scene.wall_patch[frame]]),
-        # The scene's v runs upwards, the renderer's downwards.
+        # v points up in the scene, and down in the renderer.
         uv_scale=(1.0, -1.0),
         uv_offset=(0.0, 1.0),
         near_m=NEAR_M,
@@ -43,7 +43,7 @@ def own_scene(scene: PeerScene, frame: int) -> Scene:
 
 
 class SemisynthGl:
-    """The renderer behind the loop's interface."""
+    """The renderer with the interface that the loop calls."""
 
     def __init__(self, scene: PeerScene, options: Options) -> None:
         self._scene = scene

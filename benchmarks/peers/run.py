@@ -1,9 +1,10 @@
-"""Renderers a user could pick, side by side: one scene, one loop, files written.
+"""Compare renderers that a user could choose: the same scene and loop, with files written.
 
     python benchmarks/peers/run.py --setup pyrender,blender
     python benchmarks/peers/run.py --frames 12 --rounds 3 --json peers.json
 
-A peer without an environment, which --setup makes, is left out. The table says which peer could not be run.
+--setup makes an environment for each of its renderers. Renderers without an environment are skipped. The table names
+renderers that could not run.
 """
 
 import argparse
@@ -35,23 +36,23 @@ ROOT = HERE.parents[1]
 OURS = "semisynth_gl"
 PACKAGES = {
     "pyrender": ("pyrender==0.1.45", "numpy==1.26.4", "trimesh==4.5.3", "PyOpenGL-accelerate==3.1.10"),
-    "blender": ("bpy==5.0.1",),  # for Python 3.11 alone
+    "blender": ("bpy==5.0.1",),  # only for Python 3.11
 }
-# What semisynth_gl.codecs imports beside numpy, which every peer depends on; peers read patches with Pillow too.
+# Packages that semisynth_gl.codecs imports, without numpy, which all renderers need. Pillow also reads the patches.
 ENCODER_PACKAGES = ("isal", "Pillow")
 CHECKED_FRAMES = (0, 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A peer with the variant by which it draws the scene, and the encoders by which it writes pairs.
+    """A renderer with its variant and the encoders that write its pairs.
 
     Attributes:
-        peer: whose environment runs it.
-        variant: see the peer's script.
-        label: what the table calls it.
-        our_encoders: True where the peer writes with the encoders of semisynth_gl.
-        frames_divisor: a slow candidate draws only the frames divided by this.
+        peer: name of the renderer, and of its environment.
+        variant: one of the variants that the renderer's script lists.
+        label: its name in the table.
+        our_encoders: whether it writes with semisynth_gl's encoders.
+        frames_divisor: a slow candidate renders only this fraction of the frames.
     """
 
     peer: str
@@ -83,13 +84,13 @@ CANDIDATES = (
     ),
 )
 PEERS = (OURS, *PACKAGES)
-# The reference that the others are compared with, as a user would run both and both with our encoders.
+# The candidates with which the others are compared: with usual encoders, and with ours.
 REFERENCE = CANDIDATES[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Parallel:
-    """Use of the cores: a number of processes and, unless it is None, LP_NUM_THREADS, Mesa's threads on the CPU."""
+    """A number of processes, and of Mesa's threads in each (LP_NUM_THREADS; None for Mesa's default)."""
 
     processes: int
     threads: str | None = None
@@ -103,8 +104,8 @@ class Measured:
     """All runs of a candidate.
 
     Attributes:
-        seconds_per_pair: wall time of the pairs' loop divided by the number of pairs, run by run.
-        details: measurements of the processes themselves, run by run.
+        seconds_per_pair: for each run, wall time of the loop divided by the number of pairs.
+        details: for each run, the measurements that its processes printed.
         error_px: error of the disparity; see `accuracy.errors_px`.
         fault: why the candidate could not be run.
     """
@@ -115,13 +116,13 @@ class Measured:
     fault: str = ""
 
     def best(self, *, processes: int) -> Parallel:
-        """Return the fastest use of the cores with a number of processes, by the median over its runs."""
+        """Return the threads with which this number of processes is fastest, by the median over runs."""
         candidates = [parallel for parallel in self.seconds_per_pair if parallel.processes == processes]
         return min(candidates, key=lambda parallel: median(self.seconds_per_pair[parallel]))
 
 
 class PeerError(Exception):
-    """A peer that could not be run."""
+    """A renderer could not be run."""
 
 
 def main() -> None:
@@ -165,21 +166,21 @@ def main() -> None:
 
 
 def set_up(peer: str, work: Path) -> None:
-    """Build a peer's virtual environment with the Python that runs this."""
+    """Make a renderer's virtual environment with the Python that runs this script."""
     folder = work / f"venv-{peer}"
     packages = (*PACKAGES[peer], *ENCODER_PACKAGES)
     print(f"Installing {', '.join(packages)} into {folder}")
     venv.create(folder, with_pip=True, clear=True)
     install = [str(_python_of(peer, work)), "-m", "pip", "install", "--quiet"]
     subprocess.run([*install, *packages], check=True)
-    # The encoders look for what pip knows of the project.
+    # The encoders read the project's version from its installed metadata.
     subprocess.run([*install, "--no-deps", "--editable", str(ROOT)], check=True)
 
 
 def measure(candidates: Sequence[Candidate], scene: PeerScene, work: Path, rounds: int) -> dict[Candidate, Measured]:
-    """Run the candidates in turn, round after round, starting with another one each time.
+    """Run the candidates in rounds, each of which begins with a different candidate.
 
-    The first round tries every use of the cores, the others one process and the best use with several processes.
+    The first round tries all numbers of processes and threads, the others one process and the fastest with several.
     """
     frames, cores = len(scene.model), os.cpu_count() or 1
     several = [Parallel(cores, threads) for threads in (None, "0", "1")] if cores > 1 else []
@@ -192,7 +193,7 @@ def measure(candidates: Sequence[Candidate], scene: PeerScene, work: Path, round
             if result.fault:
                 continue
             best = [result.best(processes=cores)] if several and number > 0 else []
-            # Equally many frames for each process, and no fewer than are checked.
+            # Each process gets the same number of frames, and at least as many as are checked.
             rows = max(frames // candidate.frames_divisor // cores, -(-len(CHECKED_FRAMES) // cores))
             drawn = range(rows * cores)
             for parallel in [Parallel(1), *(best or several)]:
@@ -216,8 +217,8 @@ def run_together(
     """Run a candidate's processes at the same time, each on its share of the frames.
 
     Returns:
-        Seconds per pair from their common start to the last one's end, without start and first pair, and what each
-        process measured.
+        Seconds per pair from the common start to the end of the last process, without the first pairs; and the
+        measurements of each process.
     """
     out = work / "out" / candidate.name
     shutil.rmtree(out, ignore_errors=True)
@@ -237,7 +238,7 @@ def run_together(
                 command += ["--our-encoders"] if candidate.our_encoders else []
                 pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": errors}
                 processes.append(subprocess.Popen(command, env=environment, text=True, **pipes))
-            # A thread for each process reads its output, so that no process waits for a full pipe.
+            # A thread reads each process's output, so that no process waits for a full pipe.
             with ThreadPoolExecutor(len(processes)) as readers:
                 list(readers.map(lambda process: _line_with("READY", process, log), processes))
                 ready = time.perf_counter()
@@ -257,7 +258,7 @@ def run_together(
 
 
 def table(report: Mapping[str, Any]) -> str:
-    """Lay a report out in Markdown: a table of the peers, and below it how far the best peers are behind."""
+    """Return a report in Markdown: a table of the renderers, and the ratios of their times to ours."""
     peers, cores = report["peers"], report["machine"]["cores"]
     reference = _best_seconds(peers[0])
     columns = ["renderer", "files written by", "s per pair, 1 process", f"{cores} processes", "best, x ours"]
@@ -289,7 +290,7 @@ def table(report: Mapping[str, Any]) -> str:
 
 
 def _best_seconds(peer: Mapping[str, Any], processes: int | None = None) -> float:
-    """Return the least median of seconds per pair, over all uses of the cores or those with a number of processes."""
+    """Return the smallest median of seconds per pair, over all runs or those with this number of processes."""
     return min(
         parallel["seconds_per_pair"]["median"]
         for parallel in peer["parallel"]
@@ -304,7 +305,7 @@ def _parse() -> argparse.Namespace:
     cores = os.cpu_count() or 1
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--setup", type=names, metavar="PEERS", help=f"build environments: {','.join(PACKAGES)}")
-    parser.add_argument("--peers", type=names, help="which to measure beside ours; all that are set up if left out")
+    parser.add_argument("--peers", type=names, help="renderers to compare with ours; default: all with an environment")
     parser.add_argument("--variants", type=names, help="only these variants, and our plain one")
     parser.add_argument(
         "--frames", type=int, default=max(12, 2 * cores), help="pairs of a run, shared evenly by its processes"
@@ -337,7 +338,7 @@ def _command(candidate: Candidate, work: Path) -> list[str]:
 
 
 def _line_with(mark: str, process: subprocess.Popen[str], log: Path) -> str:
-    """Read up to the line that starts with ``mark`` and return the rest of it; peers may print other things."""
+    """Read up to a line that begins with ``mark``, and return the rest of that line."""
     for line in process.stdout:
         if line.startswith(mark):
             return line.removeprefix(mark)
@@ -345,7 +346,7 @@ def _line_with(mark: str, process: subprocess.Popen[str], log: Path) -> str:
 
 
 def as_json(candidate: Candidate, result: Measured) -> dict[str, Any]:
-    """Put a candidate's runs into JSON's types."""
+    """Convert a candidate's runs to JSON's types."""
     return {
         "peer": candidate.label,
         "our_encoders": candidate.our_encoders or candidate.peer == OURS,

@@ -1,8 +1,8 @@
-"""The scene that every peer draws: a textured cuboid room with instances of six models, posed anew in each frame.
+"""The scene that every renderer renders: a textured cuboid with instances of six models, in new poses in each frame.
 
-The camera's frame is x right, y down, z forward, metres, with the left eye at the origin. UV runs upwards (v = 0 is a
-patch's bottom row), as most renderers have it, and patches repeat. Everything that peers draw is in the scene's folder;
-reading it takes numpy alone.
+The camera's frame is x right, y down, z forward, metres, with the left eye at the origin. v points up (v = 0 is the
+patch's bottom row), as in most renderers, and patches repeat. The scene's folder has everything that is rendered;
+reading it needs only numpy.
 """
 
 import shutil
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-# scikit-image's photographs; each patch is a crop of one.
+# scikit-image's photographs, from which patches are cropped.
 PHOTOGRAPHS = (
     "astronaut.png",
     "coffee.png",
@@ -28,15 +28,15 @@ PHOTOGRAPHS = (
     "gravel.png",
     "color.png",
 )
-# Of the project's own models, six of simple to complex shape with some 600 triangles in the mean.
+# Six of the project's models, simple and complex, with about 600 triangles on average.
 LIBRARY_KINDS = ("cone", "cylinder", "chair", "stairs", "gear", "lamp")
-# The room: half its width, half its height, where its back and its front wall stand.
+# Half the width and half the height of the cuboid, and z of its back and front walls, m.
 _HALF_WIDTH_M, _HALF_HEIGHT_M, _BACK_M, _FRONT_M = 4.0, 3.0, 15.0, -1.0
-# Nearest and farthest instances, as disparities of the full-size camera.
+# Disparities of the nearest and farthest instances, px at full size.
 _DISPARITIES_PX = 24.0, 170.0
 _FULL_SIZE_FB = 300.0
 
-# Renderers after OpenGL's custom look along -z with y upwards.
+# OpenGL's cameras look along -z, with y up.
 OPENGL_FROM_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
 NEAR_M, FAR_M = 0.1, 100.0
 
@@ -61,14 +61,14 @@ class PeerScene:
     """F frames of one camera.
 
     Attributes:
-        folder: where it was read from.
+        folder: the scene's folder.
         width_px: image width.
         height_px: image height; the principal point is the image's centre.
         focal_px: focal length.
         baseline_m: distance of the right eye.
-        models: what `model` counts.
-        walls: the room's six sides.
-        model: (F, N) int32.
+        models: the models.
+        walls: the six walls of the cuboid.
+        model: (F, N) int32, indices of `models`.
         patch: (F, N) int32, the patch of each instance.
         camera_from_model: (F, N, 4, 4) float64.
         wall_patch: (F, 6) int32.
@@ -88,7 +88,7 @@ class PeerScene:
 
     @property
     def patches(self) -> list[Path]:
-        """PNG files of the patches, square and RGB, in the order that `patch` counts."""
+        """PNG files of the patches, square and RGB; `patch` has indices of this list."""
         return sorted((self.folder / "patches").iterdir())
 
     @property
@@ -115,16 +115,16 @@ def make_scene(
     patches: int = 32,
     patch_px: int = 512,
 ) -> PeerScene:
-    """Make the scene's folder anew; the same arguments make the same scene.
+    """Write the scene's folder; the same arguments give the same scene.
 
     Args:
-        folder: where to.
+        folder: the scene's folder, which is replaced.
         meshes: the models by name.
-        frames: how many; the first ones do not depend on it.
-        size_px: width and height; the field of view follows the width and stays the same.
-        instances: how many in each frame.
-        patches: how many.
-        patch_px: their side.
+        frames: number of frames; a frame does not depend on it.
+        size_px: width and height; the horizontal field of view is constant.
+        instances: number of instances in each frame.
+        patches: number of patches.
+        patch_px: side of the patches.
     """
     rng = np.random.default_rng(7)
     shutil.rmtree(folder, ignore_errors=True)
@@ -174,7 +174,7 @@ def load_scene(folder: Path) -> PeerScene:
 
 
 def _make_patches(folder: Path, count: int, side_px: int, rng: np.random.Generator) -> None:
-    """Cut square crops of random size out of the photographs, and scale them."""
+    """Crop squares of random size out of the photographs, and resize them."""
     from PIL import Image  # noqa: PLC0415 - not every peer has it
 
     spec = find_spec("skimage")
@@ -192,7 +192,7 @@ def _make_patches(folder: Path, count: int, side_px: int, rng: np.random.Generat
 
 
 def _pose(rng: np.random.Generator) -> np.ndarray:
-    """Draw a (4, 4) pose in view of the left eye, with another scale along each axis."""
+    """Sample a pose (4, 4) in view of the left eye, with a different scale along each axis."""
     depth = _FULL_SIZE_FB / rng.uniform(*_DISPARITIES_PX)
     scale = depth * np.exp(rng.uniform(np.log(0.025), np.log(0.10)))
     depth = min(depth, _BACK_M - 0.7)
@@ -214,7 +214,7 @@ def _pose(rng: np.random.Generator) -> np.ndarray:
 
 
 def _walls() -> list[Model]:
-    """Build the room's sides; a patch repeats twice along each."""
+    """Make the walls of the cuboid; a patch repeats twice along each side."""
     w, h, back, front = _HALF_WIDTH_M, _HALF_HEIGHT_M, _BACK_M, _FRONT_M
     sides = (
         [(-w, -h, back), (w, -h, back), (w, h, back), (-w, h, back)],

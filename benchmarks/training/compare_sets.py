@@ -1,10 +1,10 @@
-"""What networks learn from which pairs: examples/train.py on each set alike, judged on real pairs.
+"""Train a network on each of several datasets with examples/train.py, and evaluate it on real pairs.
 
     python benchmarks/training/compare_sets.py --images PHOTOGRAPHS --real MIDDLEBURY --json FILE
     python benchmarks/training/compare_sets.py --set clutter --set mix --seeds 1 --steps 800 -- --batch 4
 
-Sets are in training_sets.py; options after ``--`` go to train.py. Seeds take turns, so that a table that was ended
-early compares all sets with fewer runs; the same command goes on with what its file lacks.
+The datasets are listed in training_sets.py. Options after ``--`` are passed to train.py. Each seed trains on all
+datasets before the next seed, so an interrupted table compares all of them. The same command resumes.
 """
 
 import json
@@ -35,7 +35,7 @@ _FIGURE = "bad-1"
 
 
 def trained(name: str, seed: int, dataset: Path, out: Path, options: Sequence[str]) -> Path:
-    """Train on a dataset, and return the checkpoint."""
+    """Train on a dataset; return the checkpoint."""
     command = [sys.executable, str(EXAMPLES / "train.py"), "--data", str(dataset), "--seed", str(seed)]
     command += ["--augment", SETS[name].augment, "--out", str(out), *options]
     subprocess.run(command, check=True, cwd=EXAMPLES)
@@ -43,7 +43,7 @@ def trained(name: str, seed: int, dataset: Path, out: Path, options: Sequence[st
 
 
 def judged(checkpoint: Path, folders: Sequence[Path]) -> dict[str, float]:
-    """Return the share of wrong pixels, %, of each real pair."""
+    """Return bad-1, the percentage of pixels off by more than 1 px, of each real pair."""
     module, shares = predict.load(checkpoint, _NETWORK), {}
     for pairs in (motorcycle(), *map(folder, folders)):
         for number in range(len(pairs)):
@@ -54,7 +54,7 @@ def judged(checkpoint: Path, folders: Sequence[Path]) -> dict[str, float]:
 
 
 def table(runs: Sequence[dict[str, Any]]) -> str:
-    """Lay out mean and standard deviation over the runs of each set, the best set first."""
+    """Return a table of the mean and standard deviation over the runs of each dataset, the best first."""
     by_set: dict[str, list[float]] = defaultdict(list)
     for run in runs:
         by_set[run["set"]].append(float(np.mean([*run["pairs"].values()])))
@@ -88,7 +88,7 @@ def main(
     out: Path,
     options: tuple[str, ...],
 ) -> None:
-    """Train on each set, and judge the network by real pairs."""
+    """Train on each dataset, and evaluate the networks on real pairs."""
     chosen = [name for name in names or SETS if images or not SETS[name].of_place]
     options = ("--steps", str(steps), "--every", str(steps), *options)
     report: dict[str, Any] = {"options": options, "pairs": pairs, "machine": machine_facts(), "runs": []}

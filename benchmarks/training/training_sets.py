@@ -1,7 +1,6 @@
-"""The datasets that the benchmark compares, each with the question that it answers.
+"""The datasets that compare_sets.py compares.
 
-A row is ``rig.yaml`` with some keys overridden, or a written or packaged config at the rig's size. Add a row to ask
-another question.
+A row is ``rig.yaml`` with some keys overridden, or a calibrated or packaged config at the rig's size.
 """
 
 import subprocess
@@ -24,11 +23,11 @@ class TrainingSet:
         what: its difference from the row ``clutter``.
         overrides: values of keys of ``rig.yaml``.
         of_place: whether it needs photographs of the place.
-        trials: `calibrate --trials`, where `calibrate` writes the config for the rig and its disparities; else None.
+        trials: `calibrate --trials`, if `calibrate` makes the config for the rig and its disparities; else None.
         packaged: name of the packaged config whose scenes it has, scaled to the rig's width.
-        own_rig: whether that config keeps its own cameras, disparities and pictures.
-        pairs_of: another row, whose pairs are used instead of new ones; empty for none.
-        augment: train.py's option.
+        own_rig: whether that config keeps its cameras, disparities and textures.
+        pairs_of: name of the row whose pairs are used; empty to render new pairs.
+        augment: train.py's option --augment.
     """
 
     what: str
@@ -65,7 +64,7 @@ SETS: Mapping[str, TrainingSet] = {
     "imperfect": TrainingSet(
         "blurred lenses and noise of each eye", {"imperfections": {"blur_px": [0, 0.8], "noise": [0, 3]}}
     ),
-    "unchanged": TrainingSet("`mix`, crops alone", pairs_of="mix", augment="psmnet"),
+    "unchanged": TrainingSet("`mix`, only crops", pairs_of="mix", augment="psmnet"),
     "raft-stereo": TrainingSet("`mix`, augmented as RAFT-Stereo does", pairs_of="mix", augment="raft-stereo"),
 }
 
@@ -74,12 +73,12 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
     """Make the config of a row.
 
     Args:
-        name: of `SETS`.
+        name: a key of `SETS`.
         images: photographs of the place; without them, the textures of `rig.yaml` are used.
-        scratch: folder for what `calibrate` writes.
+        scratch: folder for files of `calibrate`.
 
     Raises:
-        InputError: where the photographs cannot be used.
+        InputError: if the photographs cannot be used.
     """
     name = SETS[name].pairs_of or name
     row, base = SETS[name], load_config(RIG)

@@ -1,4 +1,4 @@
-"""Types in the reference, without what pydantic's fields add to them for checks."""
+"""Removes pydantic's checks from the types in the reference."""
 
 from dataclasses import fields
 from typing import Any
@@ -7,7 +7,7 @@ from griffe import Attribute, Expr, ExprSubscript, ExprTuple, Extension
 
 
 def plain(annotation: Any) -> Any:  # noqa: ANN401 - an expression of griffe's, or a part of one
-    """Return the annotation with ``Annotated[T, ...]`` as ``T``, wherever it stands."""
+    """Return an annotation in which each ``Annotated[T, ...]`` is replaced by ``T``."""
     if isinstance(annotation, ExprSubscript) and annotation.canonical_name == "Annotated":
         inner = annotation.slice
         return plain(inner.elements[0] if isinstance(inner, ExprTuple) else inner)
@@ -20,8 +20,8 @@ def plain(annotation: Any) -> Any:  # noqa: ANN401 - an expression of griffe's, 
 
 
 class PlainAnnotations(Extension):
-    """Makes the annotations of attributes plain."""
+    """Simplifies the annotations of attributes."""
 
     def on_attribute(self, *, attr: Attribute, **_: object) -> None:
-        """Change one attribute."""
+        """Simplify the annotation of an attribute."""
         attr.annotation = plain(attr.annotation)

@@ -1,4 +1,4 @@
-"""What MkDocs gets beside mkdocs.yml: files from outside of docs/, the gallery, and a config's keys."""
+"""Adds to the site: files outside docs/ that pages link to, the gallery, and the table of a config's keys."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,12 +19,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add what pages link to outside of docs/, and the gallery with its pictures."""
+    """Add files outside docs/ that pages link to, and the gallery with its pictures."""
     for place, path in _files_beside_docs(config):
-        # Links lead to pages of figures: the navigation need not have them.
+        # Pages of benchmarks/ are reached by links, not by the navigation.
         level = InclusionLevel.NOT_IN_NAV if place.startswith("benchmarks/") else InclusionLevel.INCLUDED
         file = File.generated(config, place, abs_src_path=str(path), inclusion=level)
-        # Links and the navigation name it as seen from docs/; in the site it lies below the pages' folder.
+        # These properties keep the file's address below the site's root when src_uri becomes relative to docs/.
         _ = file.dest_uri, file.url
         file.src_uri = f"../{place}"
         files.append(file)
@@ -37,12 +37,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """Replace the mark of docs/config.md by the keys of a config."""
+    """Replace ``<!-- keys -->`` in docs/config.md by the table of keys."""
     return markdown.replace("<!-- keys -->", keys_tables())
 
 
 def keys_tables() -> str:
-    """Return a table of each section's keys, from the docstrings that ``semisynth-gl configs NAME`` prints too."""
+    """Return a table of each section's keys, from their docstrings."""
     lines = [*_HEAD]
     for name, field in config_keys().items():
         if (section := section_of(field)) is not None:
@@ -66,7 +66,7 @@ def _is_range(annotation: Any) -> bool:  # noqa: ANN401 - any annotation
 
 
 def _default(field: FieldInfo) -> str:
-    """Return a key's default as YAML; "" where it is None, empty, or told by the key's text."""
+    """Return a key's default as YAML; "" if it is None or empty, or if the key's docstring states it."""
     if field.is_required():
         return "required"
     value = field.get_default(call_default_factory=True)
@@ -82,7 +82,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a config
 
 
 def _files_beside_docs(config: MkDocsConfig) -> Iterator[tuple[str, Path]]:
-    """Yield each file with its path from the project's folder."""
+    """Yield each file with its path relative to the project's folder."""
     for pattern in config.extra["beside_docs"]:
         for path in sorted(path for path in ROOT.glob(pattern) if path.is_file()):
             yield path.relative_to(ROOT).as_posix(), path
