@@ -1,8 +1,8 @@
 """The cache: results that are built once and kept on disk for later runs.
 
 An entry is an .npz file, named by the SHA-256 of a key. The key holds everything that decides the result: values,
-states of files, the code of the program and of plug-ins, and the installed packages. If the cache is off, full, damaged
-or read-only, the result is built, and the run goes on.
+files, the code of the program and of plug-ins, and the installed packages. If the cache is off, full, damaged or
+read-only, the result is built, and the run goes on.
 """
 
 import hashlib
@@ -10,10 +10,10 @@ import json
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,60 +27,56 @@ SUFFIX = ".prepared"
 """Ending of entries' names. It is not .npz, since the user may choose a folder that holds other .npz files."""
 
 _LOG = logging.getLogger(__name__)
-_Result = TypeVar("_Result")
 
 
 class CacheEntry(NamedTuple):
-    """The content of an entry: values in JSON's types, and arrays of numbers or bool; no array is named "values"."""
+    """A result as values in JSON's types, and arrays of numbers or bool; "values" is no array's name."""
 
     values: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
 
 
 def cached(
-    kind: str,
-    key: Callable[[], Mapping[str, Any]],
-    *,
-    work: str | None = None,
-    build: Callable[[], _Result],
-    pack: Callable[[_Result], CacheEntry],
-    unpack: Callable[[CacheEntry], _Result],
-) -> _Result:
+    kind: str, key: Mapping[str, Any], build: Callable[[], CacheEntry], *, announce: str | None = None
+) -> CacheEntry:
     """Return a result from the cache, or build it and put it into the cache. Errors of ``build`` are passed on.
 
     Args:
         kind: beginning of the entry's name.
-        key: returns everything that decides the result, except code and packages, in JSON's types. If it raises
-            OSError, the cache is not used.
-        work: what ``build`` does, such as "making models", logged as INFO before it begins; None if it is quick.
+        key: everything that decides the result, except code and packages: JSON's types, paths of files and arrays. If
+            a file is missing, the cache is not used.
         build: returns the result.
-        pack: turns a result into an entry.
-        unpack: turns an entry into a result that equals the built one in every value.
+        announce: what ``build`` does, such as "making models", logged as INFO before it begins; None if it is quick.
     """
     path, folder = None, cache_folder()
     with suppress(OSError):
         if folder is not None:
             code = [modules_sha256(Path(__file__).parent), *plugins_sha256()]
-            text = json.dumps([code, _installed_packages(), key()], sort_keys=True)
+            text = json.dumps([code, _installed_packages(), key], sort_keys=True, default=_key_value)
             path = folder / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()}{SUFFIX}"
     if path is not None:
         # The entry may be missing or damaged. Reading a damaged one may raise anything.
         with suppress(Exception), np.load(path, allow_pickle=False) as file:
             arrays = dict(file)
-            return unpack(CacheEntry(json.loads(arrays.pop("values").tobytes()), arrays))
-    if work is not None:
-        _LOG.info(work)
-    result = build()
+            return CacheEntry(json.loads(arrays.pop("values").tobytes()), arrays)
+    if announce is not None:
+        _LOG.info(announce)
+    entry = build()
     if path is not None:
         with suppress(OSError):
-            _write_entry(path, pack(result))
-    return result
+            _write_entry(path, entry)
+    return entry
 
 
-def file_states(paths: Iterable[Path]) -> list[tuple[int, int, int]]:
-    """Return size and times (ns) of files, for a key; raises OSError if a file is missing."""
-    # If two files swap their names, only st_ctime may change.
-    return [(status.st_size, status.st_mtime_ns, status.st_ctime_ns) for status in map(os.stat, paths)]
+def _key_value(value: object) -> object:
+    """Return what stands for a file or an array in a key."""
+    if isinstance(value, Path):
+        status = value.stat()
+        # If two files swap their names, only st_ctime may change.
+        return str(value), status.st_size, status.st_mtime_ns, status.st_ctime_ns
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()
+    raise TypeError(f"cannot be part of a key: {value!r}")
 
 
 def _installed_packages() -> list[str]:

@@ -1,12 +1,12 @@
 """Plug-ins: layouts, texture sources, families of models and scene recipes of other installed packages.
 
-A package has an entry point in the group ``semisynth_gl.plugins``. It refers to a mapping of plug-ins by `Group` and
-name. Each process imports all these packages when it first needs a plug-in, and does not catch their exceptions.
+A package has an entry point in the group ``semisynth_gl.plugins``, which names a mapping from each `Group` to plug-ins
+by name. Each process imports all these packages when it first needs a plug-in, and does not catch their exceptions.
 """
 
 import hashlib
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import Distribution, entry_points
@@ -15,7 +15,7 @@ from typing import Any, Literal, cast
 
 from typing_extensions import TypedDict  # before Python 3.12, pydantic rejects typing's
 
-from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
+from semisynth_gl.inputs.errors import InputError, did_you_mean, shown
 
 Group = Literal["layouts", "textures", "models", "recipes"]
 """The kinds of plug-ins."""
@@ -31,7 +31,7 @@ NOUNS: Mapping[Group, str] = {
 BUILT_IN: Mapping[Group, tuple[str, ...]] = {
     "layouts": ("crestereo", "eth3d", "kitti", "middlebury", "middlebury-2014", "sceneflow", "webdataset"),
     "textures": ("images", "builtin", "photographs", "procedural"),
-    "models": (),  # in configs, built-in models have weights under other keys than plug-ins'
+    "models": (),  # configs list built-in kinds of models under other keys than plug-ins
     "recipes": (),
 }
 """Names of built-in layouts and texture sources. No plug-in may have these names."""
@@ -46,12 +46,11 @@ class PluginPackage(TypedDict):
 
 @dataclass(frozen=True)
 class Plugin:
-    """A plug-in of an installed package; ``module`` is the package's top module."""
+    """A plug-in of an installed package; ``code`` is the folder of the package's modules, or its only module."""
 
-    name: str
     value: Any
-    record: PluginPackage
-    module: str
+    package: PluginPackage
+    code: Path
 
 
 @cache
@@ -66,24 +65,25 @@ def installed_plugins() -> Mapping[Group, Mapping[str, Plugin]]:
     """Import the plug-ins of all installed packages; raises InputError if two have the same name."""
     found: dict[Group, dict[str, Plugin]] = {group: {} for group in NOUNS}
     for entry in entry_points(group="semisynth_gl.plugins"):
-        package = cast("Distribution", entry.dist)
-        record: PluginPackage = {"package": package.name, "version": package.version}
-        for group, values in entry.load().items():
+        distribution, plugins = cast("Distribution", entry.dist), entry.load()
+        package: PluginPackage = {"package": distribution.name, "version": distribution.version}
+        top = sys.modules[entry.module.partition(".")[0]]
+        code = Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)])))
+        for group, values in plugins.items():
             for name, value in values.items():
                 if name in BUILT_IN[group] or name in found[group]:
                     raise InputError(
-                        f"the {NOUNS[group]} {name!r} of the package {package.name} has the name of another "
-                        f"{NOUNS[group]}: rename it, or pip uninstall {package.name}"
+                        f"the {NOUNS[group]} {name!r} of the package {distribution.name} has the name of another "
+                        f"{NOUNS[group]}: rename it, or pip uninstall {distribution.name}"
                     )
-                found[group][name] = Plugin(name, value, record, entry.module.partition(".")[0])
+                found[group][name] = Plugin(value, package, code)
     return found
 
 
 def plugins_sha256() -> list[str]:
     """Return the SHA-256 of all modules of each plug-in's package; raises OSError if a package has no files."""
-    names = {plugin.module for plugins in installed_plugins().values() for plugin in plugins.values()}
-    tops = [sys.modules[name] for name in sorted(names)]
-    return [modules_sha256(Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)])))) for top in tops]
+    codes = {plugin.code for plugins in installed_plugins().values() for plugin in plugins.values()}
+    return [modules_sha256(code) for code in sorted(codes)]
 
 
 def find_plugin(group: Group, name: str) -> Plugin:
@@ -93,28 +93,25 @@ def find_plugin(group: Group, name: str) -> Plugin:
         return installed[name]
     known = sorted({*BUILT_IN[group], *installed})
     expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
-    hint = did_you_mean(near(name, known))
-    raise InputError(f"{NOUNS[group]}: {expected}, got {shown(name)}; {hint}".removesuffix("; "))
+    raise InputError(f"{NOUNS[group]}: {expected}, got {shown(name)}; {did_you_mean(name, known)}".removesuffix("; "))
 
 
-def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, PluginPackage]]:
-    """Return the records of the used plug-ins by group and name; raises as `find_plugin` does."""
-    records: dict[str, dict[str, PluginPackage]] = {}
-    for group, name in sorted(used, key=lambda each: ([*NOUNS].index(each[0]), each[1])):
-        records.setdefault(group, {})[name] = find_plugin(group, name).record
-    return records
+def plugin_packages(used: Collection[tuple[Group, str]]) -> dict[str, dict[str, PluginPackage]]:
+    """Return the packages of the used plug-ins by group and name, sorted; raises as `find_plugin` does."""
+    names = {group: sorted(name for each, name in used if each == group) for group in NOUNS}
+    return {group: {name: find_plugin(group, name).package for name in names[group]} for group in NOUNS if names[group]}
 
 
-def require_plugins(where: object, group: Group, records: Mapping[str, PluginPackage]) -> None:
-    """Raise InputError if a plug-in in a group's records is not installed in the recorded version.
+def require_plugins(context: object, group: Group, packages: Mapping[str, PluginPackage]) -> None:
+    """Raise InputError unless each named plug-in is installed, from a package of the given name and version.
 
-    The message begins with ``where`` and names the package.
+    The message begins with ``context``.
     """
-    for name, record in records.items():
+    for name, package in packages.items():
         plugin = installed_plugins()[group].get(name)
-        if plugin is None or plugin.record != record:
-            package = f"{record['package']}=={record['version']}"
+        if plugin is None or plugin.package != package:
+            release = f"{package['package']}=={package['version']}"
             raise InputError(
-                f"{where}: {NOUNS[group]} {shown(name)} comes from the plug-in package {shown(package)}, which is not "
-                "installed"
+                f"{context}: {NOUNS[group]} {shown(name)} comes from the plug-in package {shown(release)}, which is "
+                "not installed"
             )

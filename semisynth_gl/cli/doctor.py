@@ -31,8 +31,8 @@ def doctor() -> None:
     click.echo(f"  OpenCV {_opencv_version()}")
     for group, plugins in installed_plugins().items():
         for name, plugin in plugins.items():
-            package, version_there = plugin.record["package"], plugin.record["version"]
-            click.echo(f"Plug-in: {NOUNS[group]} {name!r} of the package {package} {version_there}")
+            release = f"{plugin.package['package']} {plugin.package['version']}"
+            click.echo(f"Plug-in: {NOUNS[group]} {name!r} of the package {release}")
     click.echo(f"Cache: {cache_folder() or 'off'}")
     click.echo("EGL devices (in EGL's order, which is not CUDA's)")
     for device in egl_devices():

@@ -8,7 +8,7 @@ from semisynth_gl.config.fields import ConfigError, ConfigSection
 from semisynth_gl.config.layers import ConfigLayer, dotted, holds, merged, undotted
 from semisynth_gl.config.model import RECIPE_KEYS
 from semisynth_gl.config.yaml_values import KeyPath
-from semisynth_gl.inputs.errors import did_you_mean, near, shown
+from semisynth_gl.inputs.errors import did_you_mean, shown
 
 # Our words for pydantic's errors, by their type; braces stand for values of the error's context.
 _EXPECTED = {
@@ -75,6 +75,5 @@ def _hint(key: KeyPath, others: tuple[str, ...]) -> str:
     beside = [each for each in config_keys() if each.rpartition(".")[0] == section]
     if not beside:  # in a target, or in a list
         beside = [f"{section}.{name}" for each in ConfigSection.__subclasses__() for name in each.model_fields]
-    similar = [] if str(key[-1]).isdecimal() else near(dotted(key), [*beside, *others])
-    names = dict.fromkeys([*similar, *elsewhere[:2]])
-    return did_you_mean(names, "`semisynth-gl configs NAME` lists all keys of a config")
+    known = () if str(key[-1]).isdecimal() else (*beside, *others)
+    return did_you_mean(dotted(key), known, "`semisynth-gl configs NAME` lists all keys of a config", elsewhere[:2])

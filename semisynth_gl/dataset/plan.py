@@ -11,7 +11,7 @@ from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
 from semisynth_gl.layouts.layout import sequence_length
-from semisynth_gl.plugins import PluginPackage, plugin_records
+from semisynth_gl.plugins import PluginPackage, plugin_packages
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 # Shards are small, since a killed run makes its shard again. Small datasets have a few shards for several workers.
@@ -89,7 +89,7 @@ def used_plugins(config: Config, layout_name: str) -> dict[str, dict[str, Plugin
     used = [*config.used_plugins().values()]
     if layout_name not in LAYOUTS:
         used.append(("layouts", layout_name))
-    return plugin_records(used)
+    return plugin_packages(used)
 
 
 def _shard_pairs(config: Config, pairs: int) -> int:

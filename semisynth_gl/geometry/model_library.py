@@ -4,12 +4,11 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.cache import CacheEntry, cached, file_states
+from semisynth_gl.cache import CacheEntry, cached
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Floats, Mesh
@@ -58,26 +57,16 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
     sampled. Raises InputError if a folder does not exist, the folders have no usable model, no model has a weight, a
     plug-in cannot be used, or there are too few models for all splits.
     """
-    files = [sorted(files_below(expanded(folder))) for folder in section.folders]
-
-    def key() -> dict[str, Any]:
-        return {
-            "section": section.model_dump(mode="json"),
-            "stretch": particles.model_dump(mode="json", include={"stretch", "thinness"}),
-            "seed": split.dataset_seed,
-            "split": [split.name, sorted(split.held_out.items()) if split.models else []],
-            # All files, since a model's file may refer to any of them.
-            "files": [[[str(path.absolute()) for path in group], file_states(group)] for group in files],
-        }
-
-    return cached(
-        "models",
-        key,
-        work="making models",
-        build=lambda: _build(section, particles, split),
-        pack=_packed,
-        unpack=_unpacked,
-    )
+    key = {
+        "section": section.model_dump(mode="json"),
+        "stretch": particles.model_dump(mode="json", include={"stretch", "thinness"}),
+        "seed": split.dataset_seed,
+        "split": [split.name, sorted(split.held_out.items()) if split.models else []],
+        # All files, since a model's file may refer to any of them.
+        "files": [sorted(files_below(expanded(folder))) for folder in section.folders],
+    }
+    entry = cached("models", key, lambda: _packed(_build(section, particles, split)), announce="making models")
+    return _unpacked(entry)
 
 
 def build_libraries(

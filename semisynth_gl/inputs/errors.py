@@ -98,15 +98,13 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {head}{plural}{of}{rest}"
 
 
-def near(name: str, known: Iterable[str]) -> list[str]:
-    """Return a list with the known name that is most like a wrong name; empty if none is similar."""
-    return difflib.get_close_matches(name, list(known), 1, 0.7)
+def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", also: Iterable[str] = ()) -> str:
+    """Ask "did you mean ...?" with the known name that is most like a wrong name, and the names ``also``.
 
-
-def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:
-    """Return the question "did you mean ...?" with the names, or ``otherwise`` if there are no names."""
-    listed = " or ".join(names)
-    return f"did you mean {listed}?" if listed else otherwise
+    Return ``otherwise`` if no known name is similar and ``also`` is empty.
+    """
+    names = dict.fromkeys([*difflib.get_close_matches(name, list(known), 1, 0.7), *also])
+    return f"did you mean {' or '.join(names)}?" if names else otherwise
 
 
 def how_to_install(extra: str) -> str:

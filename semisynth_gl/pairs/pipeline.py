@@ -13,7 +13,7 @@ from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.pairs.cameras import RigCameras
 from semisynth_gl.pairs.checks import faults
-from semisynth_gl.plugins import plugin_records
+from semisynth_gl.plugins import plugin_packages
 from semisynth_gl.render import Backend
 from semisynth_gl.render.context import check_libraries
 from semisynth_gl.render.readers import PixelReader, read_array
@@ -110,7 +110,7 @@ class PairRenderer:
         # The latest sequence that passed its checks, and the faults of its failed attempts.
         self._accepted, self._redrawn = -1, list[str]()
         self._latest: tuple[object, list[Pair]] | None = None  # number and crop of the latest scene, and its pairs
-        plugins = plugin_records(config.used_plugins().values())
+        plugins = plugin_packages(config.used_plugins().values())
         self._made_by = {
             "program": "semisynth-gl",
             "version": version("semisynth-gl"),

@@ -22,10 +22,9 @@ Layers that the config states (``particles.layers``) are not solved, and the par
 added. The solver treats both as part of the background.
 """
 
-import hashlib
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -278,33 +277,22 @@ def sample_pilots(config: Config, seed: int, catalogue: ModelCatalogue) -> list[
     Each process that renders a dataset needs them before its first pair, and furnishing a room takes longer than
     rendering it.
     """
+    key = {
+        "sections": config.model_dump(mode="json", include=_SECTIONS),
+        "seed": seed,
+        "names": [*catalogue.by_name.items()],
+        "models": [(mesh.positions, mesh.uv, mesh.triangles) for mesh in catalogue.models],
+    }
 
-    def cache_key() -> dict[str, Any]:
-        models = hashlib.sha256()
-        for name, numbers in catalogue.by_name.items():
-            models.update(f"{name!r} {numbers.tolist()}\n".encode())
-        for mesh in catalogue.models:
-            for array in (mesh.positions, mesh.uv, mesh.triangles):
-                models.update(f"{array.shape}\n".encode() + array.tobytes())
-        return {
-            "sections": config.model_dump(mode="json", include=_SECTIONS),
-            "seed": seed,
-            "models": models.hexdigest(),
-        }
+    def build() -> CacheEntry:
+        cameras, bare_px = [], []
+        for number in range(_PILOTS):
+            generators = {purpose: generator(seed, Purpose.PILOTS, number, k) for k, purpose in enumerate(_PURPOSES)}
+            static = sample_static_scene(config, catalogue, generators.__getitem__)
+            cameras.append(static.rig.camera.values())
+            bare_px.append(static.bare_px)
+        return CacheEntry({"cameras": cameras}, {"bare_px": np.array(bare_px)})
 
-    def sample(number: int) -> PilotScene:
-        generators = {purpose: generator(seed, Purpose.PILOTS, number, k) for k, purpose in enumerate(_PURPOSES)}
-        static = sample_static_scene(config, catalogue, generators.__getitem__)
-        return PilotScene(static.rig.camera, static.bare_px)
-
-    return cached("pilots", cache_key, build=lambda: [*map(sample, range(_PILOTS))], pack=_packed, unpack=_unpacked)
-
-
-def _packed(pilots: Sequence[PilotScene]) -> CacheEntry:
-    cameras = [pilot.camera.values() for pilot in pilots]
-    return CacheEntry({"cameras": cameras}, {"bare_px": np.array([pilot.bare_px for pilot in pilots])})
-
-
-def _unpacked(entry: CacheEntry) -> list[PilotScene]:
-    both = zip(entry.values["cameras"], entry.arrays["bare_px"], strict=True)
-    return [PilotScene(StereoCamera.from_values(values), bare_px) for values, bare_px in both]
+    values, arrays = cached("pilots", key, build)
+    cameras = map(StereoCamera.from_values, values["cameras"])
+    return [PilotScene(*each) for each in zip(cameras, arrays["bare_px"], strict=True)]

@@ -4,11 +4,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from pydantic import TypeAdapter
 
-from semisynth_gl.cache import CacheEntry, cached, file_states
+from semisynth_gl.cache import CacheEntry, cached
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
@@ -26,8 +25,8 @@ from semisynth_gl.textures.subjects import group_by_subject
 _REMEMBERED = 256
 # The ``purpose`` with which `Split.select` distributes photographs.
 _PHOTOGRAPHS = 0
-# Keys without influence on the patches: all but ``images`` decide how patches are mapped to models. The cache's key has
-# the files in a separate entry.
+# Keys without influence on the patches: all but ``images`` decide how patches are mapped to models. The cache's key
+# lists the files that ``images`` matches.
 _NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy", "wrap"}
 
 
@@ -45,23 +44,14 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
     """
     if images is None:
         images = split_images(section, split)
-
-    def key() -> dict[str, Any]:
-        return {
-            "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
-            "seed": split.seed,
-            "images": list(map(str, images)),
-            "files": file_states(images),
-        }
-
-    return cached(
-        "atlas",
-        key,
-        work=f"making patches of {section.source}" + (f" (images: {len(images):,})" if images else ""),
-        build=lambda: _build(section, split, images),
-        pack=pack_atlas,
-        unpack=unpack_atlas,
-    )
+    key = {
+        "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
+        "seed": split.seed,
+        "images": list(images),
+    }
+    announce = f"making patches of {section.source}" + (f" (images: {len(images):,})" if images else "")
+    entry = cached("atlas", key, lambda: pack_atlas(_build(section, split, images)), announce=announce)
+    return unpack_atlas(entry)
 
 
 def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> Atlas:

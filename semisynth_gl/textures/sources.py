@@ -11,7 +11,7 @@ import numpy as np
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.plugins import Plugin, find_plugin
+from semisynth_gl.plugins import find_plugin
 from semisynth_gl.textures import prints, surfaces
 from semisynth_gl.textures.canvas import PaintedPicture, Pixels
 from semisynth_gl.textures.image_files import builtin_licences, builtin_photographs, find_images
@@ -88,12 +88,13 @@ def open_source(name: str) -> TextureSource:
     """Return a source by its name in a config; raises InputError if there is no such source."""
     if name in SOURCES:
         return SOURCES[name]
-    plugin = find_plugin("textures", name)
-    return TextureSource(pictures=partial(_plugin_pictures, plugin))
+    return TextureSource(pictures=partial(_plugin_pictures, name, find_plugin("textures", name).value))
 
 
-def _plugin_pictures(plugin: Plugin, rng: np.random.Generator) -> Iterator[PaintedPicture]:
+def _plugin_pictures(
+    name: str, paint: Callable[[np.random.Generator], Iterable[Pixels]], rng: np.random.Generator
+) -> Iterator[PaintedPicture]:
     """Yield the pictures of a plug-in, one at a time, with names such as ``prints/00003``."""
-    for number, pixels in enumerate(islice(plugin.value(rng), _MOST_PICTURES)):
+    for number, pixels in enumerate(islice(paint(rng), _MOST_PICTURES)):
         # A copy: the plug-in may paint the next picture into the same array.
-        yield PaintedPicture(f"{plugin.name}/{number:05d}", np.array(pixels, order="C"))
+        yield PaintedPicture(f"{name}/{number:05d}", np.array(pixels, order="C"))

@@ -175,18 +175,19 @@ ARRAYS = np.zeros((0, 3)), np.arange(3000, dtype=np.float32).reshape(300, 10)
 
 def pair(number=0, builds=None):
     """A result of numbers and arrays from the cache; ``builds`` gets an item when it is built."""
-    return cached(
-        "pair",
-        lambda: {"number": number},
-        work="making pairs",
-        build=lambda: (None if builds is None else builds.append(number)) or ([number, 0.1, None, "ä"], *ARRAYS),
-        pack=lambda result: CacheEntry({"head": result[0]}, {"none": result[1], "x": result[2]}),
-        unpack=lambda entry: (entry.values["head"], entry.arrays["none"], entry.arrays["x"]),
-    )
+
+    def build():
+        if builds is not None:
+            builds.append(number)
+        return CacheEntry({"head": [number, 0.1, None, "ä"]}, dict(zip(("none", "x"), ARRAYS, strict=True)))
+
+    return cached("pair", {"number": number}, build, announce="making pairs")
 
 
 def assert_pair(found, number=0):
-    assert plain(found) == plain(([number, 0.1, None, "ä"], *ARRAYS))
+    assert found.values == {"head": [number, 0.1, None, "ä"]}
+    assert list(found.arrays) == ["none", "x"]
+    assert plain(list(found.arrays.values())) == plain(ARRAYS)
 
 
 def test_a_result_is_built_once_for_each_key_code_and_packages_and_announced(folder, caplog, monkeypatch):
