@@ -136,7 +136,7 @@ class DisparityVariants:
         if variant == "plane64":
             refill(self._poses, self._composer.compose(scene).rows(eye))
             self._poses.bind_to_storage_buffer(_POSES)
-            constants = camera.lens_px(eye)[:2], camera.focal_px, camera.focal_baseline, camera.doffs_px, 0.0
+            constants = camera.intrinsics_px(eye)[:2], camera.focal_px, camera.focal_baseline, camera.doffs_px, 0.0
             self._camera_64.write(np.array(constants, CAMERA_64))
             self._camera_64.bind_to_uniform_block(_CAMERA_64)
             self._models.bind_triangles(self._composer.compose(scene), eye)

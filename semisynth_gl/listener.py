@@ -2,9 +2,9 @@
 
 
 class Listener:
-    """Receives the progress of a long function. The ``on_`` methods do nothing: override those that you need.
+    """Receives the progress of a long function. Override the methods that you need; these do nothing.
 
-    Methods run in the process and thread that called the long function. An exception in a method ends the function.
+    The caller's process and thread run the methods. An exception in a method ends the long function.
     """
 
     def on_message(self, text: str) -> None:
@@ -20,4 +20,4 @@ class Listener:
         """Called when a pair is on disk, or has been measured."""
 
     def on_stage(self, stage: str) -> None:
-        """Called when a stage of a pair has ended, see `PAIR_STAGES`; only a renderer with a listener reports them."""
+        """Called when a stage of `PAIR_STAGES` has ended, if the listener is a `PairRenderer`'s."""

@@ -77,7 +77,7 @@ def flow(
         third = (np.cross(edge_1, across) * normal).sum(axis=1) / area
         weights = np.stack([1 - second - third, second, third], axis=1)
         later[rays] = (weights[:, :, None] * moved).sum(axis=1)
-    cx, cy, *focal = camera.lens_px(eye)
+    cx, cy, *focal = camera.intrinsics_px(eye)
     with np.errstate(invalid="ignore"):
         least_m = np.where(is_sky, np.finfo(np.float64).tiny, scene.near_of(eye))
         seen = np.isfinite(later[:, 2]) & (later[:, 2] >= least_m)

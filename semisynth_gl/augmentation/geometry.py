@@ -60,7 +60,7 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
         hidden[each.y_px : each.bottom_px, each.x_px : each.right_px] = True
     arrays = {name: array.copy() for name, array in frame.right.items()}
     for name, array in arrays.items():
-        array[hidden] = CHANNELS[name].nothing
+        array[hidden] = CHANNELS[name].fill
     arrays["image"][hidden] = np.rint(ImageStat.Stat(Image.fromarray(frame.right.image)).mean)
     for name, channel in CHANNELS.items():
         if channel.output in FLOW_OUTPUTS and channel.mask in arrays:

@@ -4,10 +4,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from semisynth_gl.calibration.named_arrays import camera_matrix, is_rotation
+from semisynth_gl.calibration.named_arrays import is_rotation
 from semisynth_gl.calibration.poses import pose_of
 from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.calibration.tree import Array, FormatError, Tree
+from semisynth_gl.frame.camera import camera_matrix
 from semisynth_gl.frame.raw_camera import rotation_of
 from semisynth_gl.inputs.errors import abbreviate, shown
 

@@ -13,7 +13,6 @@ from semisynth_gl.calibration.named_arrays import (
     COEFFICIENT_WORDS,
     NamedArray,
     by_columns,
-    camera_matrix,
     kind_of,
     label_of,
     with_parts,
@@ -22,6 +21,7 @@ from semisynth_gl.calibration.named_arrays import (
 from semisynth_gl.calibration.poses import RelativePose, pose_of, relative_pose, right_from_left
 from semisynth_gl.calibration.sizes import ImageSize, upright
 from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
+from semisynth_gl.frame.camera import camera_matrix
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel
 
 UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from semisynth_gl.calibration.tree import Array, Name, rotation_of_quaternion
+from semisynth_gl.frame.camera import camera_matrix
 from semisynth_gl.frame.raw_camera import rotation_of
 
 LEFT, RIGHT = {"left", "l", "first"}, {"right", "r", "second"}
@@ -161,11 +162,6 @@ def is_rotation(r: Array) -> bool:
     # No number of a rotation exceeds 1, and much larger numbers would overflow.
     small = np.abs(r).max() < 1 + _PRINTED
     return bool(small and np.allclose(r @ r.T, np.eye(3), atol=_PRINTED) and np.linalg.det(r) > 0)
-
-
-def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
-    """Return K (3, 3) of focal lengths and a principal point, px."""
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
 
 
 def _rotation(value: Array) -> Array | None:

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from semisynth_gl.calibration.finder import ArrayPair, StereoArrays, projections
-from semisynth_gl.calibration.named_arrays import camera_matrix
 from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.calibration.tree import Array
-from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
+from semisynth_gl.frame.camera import EYES, Eye, StereoCamera, camera_matrix
 from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv

@@ -50,7 +50,7 @@ from semisynth_gl.config.scene_sections import (
     TexturesSection,
 )
 from semisynth_gl.config.yaml_values import KeyPath
-from semisynth_gl.frame.channels import ANTIALIASING, DEFAULT_OUTPUTS, DRAWN_OUTPUTS, OUTPUTS, TruthViews
+from semisynth_gl.frame.channels import ANTIALIASING, DEFAULT_OUTPUTS, OUTPUTS, RENDERED_OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.plugins import Group
 
@@ -185,7 +185,7 @@ class Config(ConfigSection):
         outputs = set(self.outputs)
         text = "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
         yield "disparity_change" in outputs and not self.rig.is_rectified(), text, ("outputs", "rig")
-        of_lens = " and ".join(sorted(outputs - {*DRAWN_OUTPUTS}))
+        of_lens = " and ".join(sorted(outputs - {*RENDERED_OUTPUTS}))
         text = f"the output {of_lens} needs the section lens: add lens, or leave out this output"
         yield self.lens is None and of_lens != "", text, ("outputs",)
         if self.lens is not None:

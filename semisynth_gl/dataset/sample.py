@@ -206,6 +206,6 @@ def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple
         if counts[eye]:
             arrays = {name: array.copy() for name, array in view.items() if name in affected}
             for name, array in arrays.items():
-                array[exceeding] = CHANNELS[name].nothing
+                array[exceeding] = CHANNELS[name].fill
             views[eye] = view.with_channels(arrays)
     return Frame(frame.camera, views["left"], views["right"]), counts

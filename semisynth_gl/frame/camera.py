@@ -1,4 +1,4 @@
-"""The stereo camera: two pinholes that differ by a baseline and, in some rigs, by cx or a deviation; crops of images.
+"""The stereo camera, a pair of pinhole cameras, and crops of its images.
 
 Frame (OpenCV's): x right, y down, z forward, metres, origin in the left camera. The right camera is at
 (+baseline, 0, 0), and looks in the same direction unless it deviates. The centre of the top left pixel is (0, 0).
@@ -18,6 +18,11 @@ Floats = NDArray[np.float64]
 Eye = Literal["left", "right"]
 EYES: tuple[Eye, Eye] = ("left", "right")
 OTHER_EYE: Mapping[Eye, Eye] = {"left": "right", "right": "left"}
+
+
+def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Floats:
+    """Return the camera matrix K, (3, 3) float64."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,14 +56,14 @@ class Crop(CheckedFields):
 
 
 MOST_TURN_RAD = np.deg2rad(10.0).item()
-"""Maximum roll and pitch of a right camera: beyond it, purely horizontal disparities are of no use."""
+"""Maximum roll and pitch of a deviating right camera: stereo networks search for a point near its row."""
 MOST_FOCAL_RATIO = 1.25
-"""Maximum ratio of the two focal lengths, for the same reason."""
+"""Maximum ratio of the longer focal length to the shorter one."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraDeviation(CheckedFields):
-    """Deviation of a right camera from the rectified one; its centre stays in place.
+    """Deviation of a right camera from the rectified right camera, which has the same centre.
 
     Attributes:
         roll_rad: right-handed rotation about z; a positive roll turns the image's content clockwise.
@@ -99,7 +104,7 @@ class StereoCamera(CheckedFields):
             px of pixel 0.
         cx_right_px: x of the right principal point.
         cy_px: y of both principal points.
-        deviation: deviation of the right camera from the rectified one; all other attributes are of rectified cameras.
+        deviation: deviation of the right camera; the other attributes describe the pair without it.
         fy_over_fx: focal length in y divided by that in x; 1 for square pixels.
 
     Raises:
@@ -124,7 +129,7 @@ class StereoCamera(CheckedFields):
     def centred(
         cls, width_px: int, height_px: int, focal_px: float, baseline_m: float, doffs_px: float = 0.0
     ) -> "StereoCamera":
-        """Build a camera whose principal points lie half of ``doffs_px`` to the left and right of the image centre."""
+        """Build a camera with cx_left = c - doffs_px / 2 and cx_right = c + doffs_px / 2, c being the image centre."""
         width_px, height_px = to_whole("width_px", width_px), to_whole("height_px", height_px)
         doffs_px = to_real("doffs_px", doffs_px)
         cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
@@ -140,17 +145,17 @@ class StereoCamera(CheckedFields):
         known = {key.name: values[key.name] for key in fields(cls) if key.name in values}
         return cls(**known | {"deviation": CameraDeviation(**values.get("deviation", {}))})
 
-    def values(self, *, deviation: bool = False) -> dict[str, Any]:
-        """Return the attributes and "doffs_px" by name, in JSON's types, without a fy_over_fx of 1.
+    def values(self) -> dict[str, Any]:
+        """Return the attributes and "doffs_px" by name, in JSON's types.
 
-        A rectified pair has the key "deviation" only if ``deviation`` is set.
+        A fy_over_fx of 1 and the deviation of a rectified pair are left out.
         """
         values = asdict(self)
-        stated = values.pop("deviation")
+        deviation = values.pop("deviation")
         if self.fy_over_fx == 1:
             del values["fy_over_fx"]
         values["doffs_px"] = self.doffs_px
-        return values | {"deviation": stated} if deviation or not self.rectified else values
+        return values if self.rectified else values | {"deviation": deviation}
 
     def cropped(self, crop: Crop) -> "StereoCamera":
         """Return the camera of a crop of both images; disparities stay the same.
@@ -173,9 +178,9 @@ class StereoCamera(CheckedFields):
         )
 
     def scaled(self, x: float, y: float, size: tuple[int, int]) -> "StereoCamera":
-        """Return the camera of both images at ``x`` times their width and ``y`` times their height.
+        """Return the camera of both images, resized by the factors ``x`` and ``y``.
 
-        ``size`` is the height and width of the result, px. The outer corner of the first pixel keeps its position.
+        ``size`` is the new height and width, px. The outer corner of the first pixel keeps its position.
         """
         if x == y == 1:
             return self
@@ -198,7 +203,7 @@ class StereoCamera(CheckedFields):
 
     @property
     def left_view_key(self) -> tuple[float, ...]:
-        """The values that decide the left view: cameras with equal values differ only in the right eye."""
+        """The values on which the left view depends: cameras with the same key differ only in the right eye."""
         return self.width_px, self.height_px, self.focal_px, self.focal_y_px, self.cx_left_px, self.cy_px
 
     @property
@@ -216,20 +221,25 @@ class StereoCamera(CheckedFields):
         """Focal length in x times baseline, px m."""
         return self.focal_px * self.baseline_m
 
-    def lens_px(self, eye: Eye) -> tuple[float, float, float, float]:
-        """Return x and y of one eye's principal point, and the eye's focal lengths in x and y, px."""
+    def intrinsics_px(self, eye: Eye) -> tuple[float, float, float, float]:
+        """Return cx, cy, fx and fy of one eye: its principal point and its focal lengths, px."""
         if eye == "left":
             return self.cx_left_px, self.cy_px, self.focal_px, self.focal_y_px
         deviation = self.deviation
         focal_px = self.focal_px * deviation.focal_ratio
         return self.cx_right_px, self.cy_px + deviation.y_px, focal_px, focal_px * self.fy_over_fx
 
+    def matrix(self, eye: Eye) -> Floats:
+        """Return the camera matrix K of one eye, (3, 3) float64."""
+        cx, cy, fx, fy = self.intrinsics_px(eye)
+        return camera_matrix(fx, fy, cx, cy)
+
     def offset_m(self, eye: Eye) -> float:
         """Return x of one eye's centre in the left camera's frame."""
         return 0.0 if eye == "left" else self.baseline_m
 
     def turn(self, eye: Eye) -> Floats | None:
-        """Return the rotation eye_from_left of one eye's frame, (3, 3) float64; None where the eye is not rotated."""
+        """Return eye_from_left, the rotation of one eye, (3, 3) float64; None where the eye is not rotated."""
         return None if eye == "left" or self.rectified else self.deviation.rotation
 
     def disparity_px(self, depth_m: Floats | float) -> Floats:
@@ -291,7 +301,7 @@ class StereoCamera(CheckedFields):
 
     def rays_of_eye(self, eye: Eye, x_px: Floats, y_px: Floats) -> Floats:
         """Return directions (..., 3) with z = 1 through pixel positions (...), in the eye's own frame."""
-        cx, cy, fx, fy = self.lens_px(eye)
+        cx, cy, fx, fy = self.intrinsics_px(eye)
         x = (np.asarray(x_px, np.float64) - cx) / fx
         y = (np.asarray(y_px, np.float64) - cy) / fy
         return np.stack([x, y, np.ones_like(x)], axis=-1)
@@ -299,11 +309,14 @@ class StereoCamera(CheckedFields):
     def _seen_from_other(
         self, eye: Eye, x_px: Floats, y_px: Floats
     ) -> tuple[Floats, Floats, tuple[float, float, float, float]]:
-        """Return pixels' directions (..., 3) and the eye's position (3,) in the other eye's frame, and its lens."""
+        """Return pixels' directions (..., 3) and the eye's position (3,) in the other eye's frame.
+
+        The third value is the other eye's `intrinsics_px`.
+        """
         other = OTHER_EYE[eye]
         direction = self.rays(eye, x_px, y_px)
         shift = np.array([self.offset_m(eye) - self.offset_m(other), 0.0, 0.0])
         turn = self.turn(other)
         if turn is not None:
             direction, shift = direction @ turn.T, turn @ shift
-        return direction, shift, self.lens_px(other)
+        return direction, shift, self.intrinsics_px(other)

@@ -34,10 +34,10 @@ class Channel(Generic[Value]):
         dtype: the dtype of the values.
         meaning: the meaning of a value, with ``{view}`` and ``{other}`` for the names of the view and the other view.
         components: values per pixel; the array is (H, W) for 1, else (H, W, components).
-        nothing: the value of a pixel that shows nothing, or for which the quantity does not exist.
-        output: the output by which a user requests the channel; None for a channel that needs no request.
-        mask: the channel that says whether the other view, or the other moment, shows the same point.
-        is_truth: whether only views with truth have the channel; see the config's ``truth``.
+        fill: the value of a pixel that shows nothing, or for which the quantity does not exist.
+        output: the output by which a user requests the channel, by default its name; None if no request is needed.
+        mask: the channel that says whether the other view, or the next or previous frame, shows the same point.
+        is_truth: whether the channel is truth, which the config's ``truth`` limits to the left view.
         name: the channel's name in `ViewArrays`.
     """
 
@@ -45,8 +45,8 @@ class Channel(Generic[Value]):
     meaning: str
     components: int = 1
     _: KW_ONLY
-    nothing: float = 0
-    output: str | None = ""  # by default the channel's name
+    fill: float = 0
+    output: str | None = ""
     mask: str | None = None
     is_truth: bool = True
     name: str = field(init=False)
@@ -81,7 +81,7 @@ class Channel(Generic[Value]):
 
     @property
     def beyond_key(self) -> str:
-        """The key of a pair's provenance that counts, for each view, the values beyond the codec's range."""
+        """The key, in a pair's provenance, of the number of values beyond the codec's range in each view."""
         return f"{self.name}_beyond"
 
 
@@ -99,7 +99,7 @@ class ViewArrays(Mapping[str, NDArray[Any]]):
     """
 
     image = Channel(_UINT8, "{view} image, 8-bit", 3, output=None, is_truth=False)
-    disparity = Channel(_FLOAT32, "disparity of the {view} view's pixels", nothing=inf, output=None, mask="visibility")
+    disparity = Channel(_FLOAT32, "disparity of the {view} view's pixels", fill=inf, output=None, mask="visibility")
     visibility = Channel(
         _UINT8,
         f"8-bit: {VISIBLE} where the {{other}} view sees the point too, {OCCLUDED} where something hides it there, "
@@ -109,12 +109,12 @@ class ViewArrays(Mapping[str, NDArray[Any]]):
         _FLOAT32,
         "way from the {view} view's pixels to the same points in the {other} view, right and down",
         2,
-        nothing=inf,
+        fill=inf,
     )
     instances = Channel(
         np.dtype(np.uint16), "16-bit: k + 1 where instance k of the scene is seen, 0 where there is none"
     )
-    depth = Channel(_FLOAT32, "planar depth in metres, float32; inf where nothing is seen", nothing=inf)
+    depth = Channel(_FLOAT32, "planar depth in metres, float32; inf where nothing is seen", fill=inf)
     sky = Channel(_UINT8, f"8-bit: {SKY} where the sky is seen, a backdrop that is infinitely far away, else 0")
     valid = Channel(
         _UINT8,
@@ -132,7 +132,7 @@ class ViewArrays(Mapping[str, NDArray[Any]]):
         "position in the raw image that the {view} view's pixels show, column and row, float32 px; inf behind "
         "the raw camera",
         2,
-        nothing=inf,
+        fill=inf,
         is_truth=False,
     )
     normals = Channel(
@@ -141,9 +141,7 @@ class ViewArrays(Mapping[str, NDArray[Any]]):
         "where nothing is seen",
         3,
     )
-    flow = Channel(
-        _FLOAT32, "flow of the {view} view's pixels to the next frame", 2, nothing=inf, mask="flow_visibility"
-    )
+    flow = Channel(_FLOAT32, "flow of the {view} view's pixels to the next frame", 2, fill=inf, mask="flow_visibility")
     flow_visibility = Channel(
         _UINT8,
         f"8-bit: {VISIBLE} where the {{view}} view shows the point at the next frame too, {OCCLUDED} where it does "
@@ -155,7 +153,7 @@ class ViewArrays(Mapping[str, NDArray[Any]]):
         flow_visibility, meaning=flow_visibility.meaning.replace("next", "previous"), output="flow_backward"
     )
     disparity_change = Channel(
-        _FLOAT32, "disparity of the point at the next frame minus the one here, float32 px; inf for none", nothing=inf
+        _FLOAT32, "disparity of the point at the next frame minus the one here, float32 px; inf for none", fill=inf
     )
 
     def __init__(self, channels: Mapping[str, NDArray[Any]]) -> None:
@@ -166,10 +164,10 @@ class ViewArrays(Mapping[str, NDArray[Any]]):
                 raise InputError(f"expected channels of {', '.join(CHANNELS)}, got {name}", argument="view")
             if not isinstance(array, np.ndarray):
                 continue  # the renderer's reader may return tensors
-            own = (channel.components,) if channel.components > 1 else ()
-            known = [own, ()] if channel.is_image else [own]
-            if array.ndim < 2 or array.shape[2:] not in known or array.dtype != channel.dtype:
-                expected = " or ".join(str(("H", "W", *shape)).replace("'", "") for shape in known)
+            components = (channel.components,) if channel.components > 1 else ()
+            allowed = [components, ()] if channel.is_image else [components]
+            if array.ndim < 2 or array.shape[2:] not in allowed or array.dtype != channel.dtype:
+                expected = " or ".join(str(("H", "W", *shape)).replace("'", "") for shape in allowed)
                 raise InputError(
                     f"{name} must be {expected} {channel.dtype}, got {array.shape} {array.dtype}", argument="view"
                 )
@@ -203,7 +201,7 @@ OUTPUTS: tuple[str, ...] = tuple(
 DEFAULT_OUTPUTS = ("visibility",)
 LENS_OUTPUTS = ("valid", "raw", "raw_map")
 """The outputs that need lenses."""
-DRAWN_OUTPUTS = tuple(output for output in OUTPUTS if output not in LENS_OUTPUTS)
+RENDERED_OUTPUTS = tuple(output for output in OUTPUTS if output not in LENS_OUTPUTS)
 """The outputs that the renderer makes."""
 FUTURE_OUTPUTS, PAST_OUTPUTS = frozenset({"flow", "disparity_change"}), frozenset({"flow_backward"})
 FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS

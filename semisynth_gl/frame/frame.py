@@ -13,10 +13,7 @@ from semisynth_gl.inputs.arguments import check_one_of
 
 
 def as_rgb(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return an image with three components, (H, W, 3); a grey image (H, W) gets three equal components.
-
-    The result for a grey image is a read-only view of it, not a copy.
-    """
+    """Return an image as (H, W, 3): for a grey image, (H, W), a read-only view of it with three equal components."""
     return image if image.ndim == 3 else np.broadcast_to(image[..., np.newaxis], (*image.shape, 3))
 
 
@@ -24,7 +21,7 @@ def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
     """Return the number of finite values, the smallest and the largest of them; all three are 0 where there is none."""
     if values.size:
         smallest, largest = values.min(), values.max()
-        # Copying the finite values would take eight times as long.
+        # Usually all are finite. A copy of the finite values would take eight times as long.
         if np.isfinite(smallest) and np.isfinite(largest):
             return values.size, float(smallest), float(largest)
     finite = values[np.isfinite(values)]
@@ -41,7 +38,7 @@ class Frame:
     image and, if requested, its raw image and map.
 
     Attributes:
-        camera: the camera of the pair; that of the crop for a cropped pair.
+        camera: the camera of the images; in a cropped pair, the camera of the crop.
         left: the left view.
         right: the right view.
     """
@@ -95,6 +92,7 @@ class Frame:
         depth_m = self.camera.depth_at(eye, x_px, y_px, disparity.astype(np.float64))
         has_point = np.isfinite(disparity) & np.isfinite(depth_m) & (depth_m > 0)
         if self.camera.rectified:
+            # The disparity of infinity, which float32 may have rounded to a finite depth.
             has_point &= disparity != np.float32(-self.camera.doffs_px)
         if "sky" in self.view(eye):
             has_point &= self.view(eye).sky != SKY
@@ -108,9 +106,9 @@ class Frame:
         return {role: view[name] for role, (view, name) in views.items() if name in view}
 
     def cropped(self, crop: Crop) -> "Frame":
-        """Return a crop of both views, as copies; its masks still refer to the whole images, see `with_own_masks`.
+        """Return a crop of both views, as copies. Raw images stay whole, since their maps refer to whole images.
 
-        Raw images stay whole, as their maps refer to them.
+        Masks keep their values, which refer to whole images; see `with_own_masks`.
 
         Raises:
             InputError: where the crop reaches beyond the image.
@@ -124,7 +122,7 @@ class Frame:
         return Frame(camera, left, right)
 
     def with_own_masks(self) -> "Frame":
-        """Return the frame with masks that refer to its own images: points outside a crop get 0."""
+        """Return the frame with masks that refer to its images: they are 0 also where a point is outside a crop."""
         views = []
         for eye in EYES:
             view, masks = self.view(eye), {}

@@ -9,24 +9,27 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from semisynth_gl.frame.camera import Eye, Floats, StereoCamera
+from semisynth_gl.frame.camera import Eye, Floats, StereoCamera, camera_matrix
 
 LensModel = Literal["radial-tangential", "fisheye"]
 COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
-"""Numbers of coefficients that OpenCV knows for each model of a lens."""
+"""Numbers of distortion coefficients that OpenCV accepts for each lens model."""
 
-# Maximum number of Newton's steps, and the width of the finite differences that replace derivatives.
-_STEPS, _DIFFERENCE = 30, 1e-6
+# Maximum number of Newton steps.
+_STEPS = 30
+# Difference of directions that replaces a derivative by a quotient.
+_DIFFERENCE = 1e-6
 # Maximum length of a step. With longer ones, a start far from the solution could lead to a wrong solution.
 _LONGEST_STEP = 0.3
-_NEAREST = 1e-12
-# Rounding of calibrations that are printed with six digits.
+# Replaces smaller divisors.
+_TINY = 1e-12
+# Tolerance for calibrations that are printed with six digits.
 _PRINTED = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
 class RawCamera:
-    """A camera before rectification: its lens bends directions, and it is rotated against the rectified camera.
+    """A camera before rectification: its lens distorts, and it is rotated relative to the rectified camera.
 
     ``fx_px`` and ``fy_px`` are the focal lengths, ``cx_px`` and ``cy_px`` the principal point.
 
@@ -61,56 +64,55 @@ class RawCamera:
     @property
     def matrix(self) -> Floats:
         """The camera matrix K, (3, 3) float64."""
-        return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]], np.float64)
+        return camera_matrix(self.fx_px, self.fy_px, self.cx_px, self.cy_px)
 
     def distorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return the directions (...) to which the lens bends directions (...), in the raw camera's frame."""
         k = self.distortion
-        square = x * x + y * y
+        r2 = x * x + y * y
         if self.model == "fisheye":
-            radius = np.sqrt(square)
-            angle = np.arctan(radius)
-            power = angle * angle
-            bent = angle * (1 + power * (k[0] + power * (k[1] + power * (k[2] + power * k[3]))))
-            factor = np.where(radius > 0, bent / np.maximum(radius, _NEAREST), 1.0)
+            r = np.sqrt(r2)
+            theta = np.arctan(r)
+            theta2 = theta * theta
+            theta_d = theta * (1 + theta2 * (k[0] + theta2 * (k[1] + theta2 * (k[2] + theta2 * k[3]))))
+            factor = np.where(r > 0, theta_d / np.maximum(r, _TINY), 1.0)
             return x * factor, y * factor
         k = (*k, *(0.0,) * (12 - len(k)))
-        factor = 1 + square * (k[0] + square * (k[1] + square * k[4]))
-        factor = factor / (1 + square * (k[5] + square * (k[6] + square * k[7])))
-        across = 2 * x * y
+        radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
+        radial = radial / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
+        xy2 = 2 * x * y
         return (
-            x * factor + k[2] * across + k[3] * (square + 2 * x * x) + square * (k[8] + square * k[9]),
-            y * factor + k[2] * (square + 2 * y * y) + k[3] * across + square * (k[10] + square * k[11]),
+            x * radial + k[2] * xy2 + k[3] * (r2 + 2 * x * x) + r2 * (k[8] + r2 * k[9]),
+            y * radial + k[2] * (r2 + 2 * y * y) + k[3] * xy2 + r2 * (k[10] + r2 * k[11]),
         )
 
     def undistorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return the directions (...) that the lens bends to directions (...), by Newton's method; nan if it fails."""
         with np.errstate(all="ignore"):
-            along, down = x, y
+            u, v = x, y
             if self.model == "fisheye":
                 angle = np.hypot(x, y)
-                factor = np.tan(np.minimum(angle, 1.4)) / np.maximum(angle, _NEAREST)
-                along, down = x * factor, y * factor
+                factor = np.tan(np.minimum(angle, 1.4)) / np.maximum(angle, _TINY)
+                u, v = x * factor, y * factor
             for _ in range(_STEPS):
-                x0, y0 = self.distorted(along, down)
-                x1, y1 = self.distorted(along + _DIFFERENCE, down)
-                x2, y2 = self.distorted(along, down + _DIFFERENCE)
+                x0, y0 = self.distorted(u, v)
+                x1, y1 = self.distorted(u + _DIFFERENCE, v)
+                x2, y2 = self.distorted(u, v + _DIFFERENCE)
                 a, b, c, d = x1 - x0, x2 - x0, y1 - y0, y2 - y0
                 determinant = (a * d - b * c) / _DIFFERENCE
-                off_x, off_y = x - x0, y - y0
-                step_x = (d * off_x - b * off_y) / determinant
-                step_y = (a * off_y - c * off_x) / determinant
+                step_u = (d * (x - x0) - b * (y - y0)) / determinant
+                step_v = (a * (y - y0) - c * (x - x0)) / determinant
                 # Far from the axis, steps may be longer: a small angle is a long distance at z = 1.
-                longest = _LONGEST_STEP * (1 + along * along + down * down)
-                shorter = np.minimum(1.0, longest / np.maximum(np.hypot(step_x, step_y), _NEAREST))
-                along, down = along + step_x * shorter, down + step_y * shorter
-                if not (np.hypot(step_x, step_y) > _NEAREST * longest).any():
+                longest = _LONGEST_STEP * (1 + u * u + v * v)
+                shorter = np.minimum(1.0, longest / np.maximum(np.hypot(step_u, step_v), _TINY))
+                u, v = u + step_u * shorter, v + step_v * shorter
+                if not (np.hypot(step_u, step_v) > _TINY * longest).any():
                     break
-            x0, y0 = self.distorted(along, down)
-            missed = ~(np.hypot(x0 - x, y0 - y) < 1e-9 * (1 + np.hypot(x, y)))
-            return np.where(missed, np.nan, along), np.where(missed, np.nan, down)
+            x0, y0 = self.distorted(u, v)
+            failed = ~(np.hypot(x0 - x, y0 - y) < 1e-9 * (1 + np.hypot(x, y)))
+            return np.where(failed, np.nan, u), np.where(failed, np.nan, v)
 
-    def rectified(self, pinhole: Floats, x_px: Floats, y_px: Floats) -> tuple[Floats, Floats]:
+    def to_rectified(self, pinhole: Floats, x_px: Floats, y_px: Floats) -> tuple[Floats, Floats]:
         """Return the positions in a rectified image, px, of positions (...) in the raw image.
 
         ``pinhole`` is the (3, 3) camera matrix of the rectified camera. Points behind it become nan.
@@ -118,20 +120,20 @@ class RawCamera:
         x, y = self.undistorted((x_px - self.cx_px) / self.fx_px, (y_px - self.cy_px) / self.fy_px)
         return _project(pinhole @ np.array(self.rotation), x, y)
 
-    def raw(self, pinhole: Floats, x_px: Floats, y_px: Floats) -> tuple[Floats, Floats]:
-        """Return the positions in the raw image, px, of positions (...) in a rectified image; see `rectified`."""
-        along, down = _project(np.array(self.rotation).T @ np.linalg.inv(pinhole), x_px, y_px)
+    def to_raw(self, pinhole: Floats, x_px: Floats, y_px: Floats) -> tuple[Floats, Floats]:
+        """Return the positions in the raw image, px, of positions (...) in a rectified image; see `to_rectified`."""
+        u, v = _project(np.array(self.rotation).T @ np.linalg.inv(pinhole), x_px, y_px)
         with np.errstate(all="ignore"):
-            x, y = self.distorted(along, down)
+            x, y = self.distorted(u, v)
         return x * self.fx_px + self.cx_px, y * self.fy_px + self.cy_px
 
     def is_rectified(self, camera: StereoCamera, eye: Eye) -> bool:
-        """Return whether raw images are rectified already, within the rounding of printed calibrations."""
+        """Return whether this is the rectified camera of one eye, within the rounding of printed calibrations."""
         return (
             not np.any(self.distortion)
             and self.model != "fisheye"
             and (self.width_px, self.height_px) == (camera.width_px, camera.height_px)
-            and np.allclose(self.matrix, pinhole_of(camera, eye), rtol=_PRINTED)
+            and np.allclose(self.matrix, camera.matrix(eye), rtol=_PRINTED)
             and np.allclose(np.array(self.rotation), np.eye(3), atol=_PRINTED)
         )
 
@@ -168,16 +170,10 @@ def _project(matrix: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def rotation_of(vector_rad: tuple[float, float, float]) -> tuple[tuple[float, ...], ...]:
-    """Return the rows of the rotation by a rotation vector, by Rodrigues' formula."""
+    """Return the rows of the matrix of a rotation vector, by Rodrigues' formula."""
     vector = np.array(vector_rad)
     angle = float(np.linalg.norm(vector))
-    x, y, z = vector / max(angle, _NEAREST)
+    x, y, z = vector / max(angle, _TINY)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
     return tuple(tuple(row) for row in rotation.tolist())
-
-
-def pinhole_of(camera: StereoCamera, eye: Eye) -> Floats:
-    """Return the camera matrix of one eye of a rectified pair, (3, 3) float64."""
-    cx, cy, fx, fy = camera.lens_px(eye)
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)

@@ -1,1 +1,1 @@
-"""Inputs from callers, users and the installation: arguments, files and packaged data, and errors about them."""
+"""Arguments of Python callers, the user's files, packaged data, and errors about them."""

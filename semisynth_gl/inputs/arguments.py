@@ -1,9 +1,8 @@
-"""Checks of numbers and arrays from callers in Python, which raise `InputError` about the argument ``name``."""
+"""Checks of arguments from Python callers, which raise `InputError` about the argument ``name``."""
 
 from collections.abc import Iterable
 from math import inf, isfinite
 from numbers import Integral, Real
-from types import UnionType
 from typing import Annotated, Any, get_origin, get_type_hints
 
 import numpy as np
@@ -12,40 +11,41 @@ from numpy.typing import DTypeLike, NDArray
 from semisynth_gl.inputs.errors import InputError, described, shown
 
 LEAST, MOST = 1e-9, 1e9
-"""Limits of the magnitudes of numbers from which images are rendered; 0 is allowed too.
+"""Smallest and largest magnitude of the lengths and focal lengths of a scene; 0 is allowed too.
 
-The renderer multiplies up to four lengths, focal lengths and their inverses in float32, which holds 1e-38 to 3e38.
+The renderer multiplies up to four of them and of their inverses in float32, which holds 1e-38 to 3e38.
 """
 
 MOST_PX = 1e6
 """Maximum magnitude of an image coordinate and of a focal length, px: float32 has steps of 1/16 px there."""
 
 Interval = tuple[float, float]
+"""The low and the high end of a range; see `CheckedFields`."""
 
 OTHER_UNITS = "float32 cannot hold the values computed from it: choose other units"
-"""End of messages about magnitudes."""
+"""Advice in messages about magnitudes beyond `LEAST` and `MOST`."""
 
 
-def check_type(name: str, value: object, expected: type | UnionType, hint: str = "") -> None:
-    """Check that an argument is an instance of a class or of one of several; the message ends with ``hint``."""
+def check_type(name: str, value: object, expected: type, hint: str) -> None:
+    """Check that an argument is an instance of a class; the message ends with ``hint``."""
     if not isinstance(value, expected):
-        raise _unfit(name, f"a {getattr(expected, '__name__', expected)}", value, hint)
+        raise _error(name, f"a {expected.__name__}", value, hint)
 
 
 def check_one_of(name: str, value: object, expected: Iterable[str]) -> None:
     """Check that an argument is one of the expected strings."""
     names = list(expected)
     if not (isinstance(value, str) and value in names):
-        raise _unfit(name, f"one of {', '.join(names)}", value)
+        raise _error(name, f"one of {', '.join(names)}", value)
 
 
 def to_whole(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
     """Convert a whole number, Python's or NumPy's, to int; check that it is from ``least`` to ``most``, if given."""
     if not isinstance(value, Integral) or isinstance(value, bool):
-        raise _unfit(name, "a whole number", value)
+        raise _error(name, "a whole number", value)
     number = int(value)
     if (least is not None and number < least) or (most is not None and number > most):
-        raise _unfit(name, f"{least} or more" if most is None else f"from {least} to {most}", number)
+        raise _error(name, f"{least} or more" if most is None else f"from {least} to {most}", number)
     return number
 
 
@@ -55,10 +55,10 @@ def to_real(name: str, value: object, least: float = -inf, most: float = inf) ->
     A NumPy float32 would lower the precision of everything that is computed with it.
     """
     if not isinstance(value, Real) or isinstance(value, bool) or not isfinite(value):
-        raise _unfit(name, "a finite number", value)
+        raise _error(name, "a finite number", value)
     number = value if isinstance(value, int) else float(value)
     if not least <= number <= most:
-        raise _unfit(name, f"from {least:g} to {most:g}", number)
+        raise _error(name, f"from {least:g} to {most:g}", number)
     return number
 
 
@@ -89,7 +89,7 @@ class CheckedFields:
 def check_magnitudes(name: str, array: NDArray[Any]) -> None:
     """Check that the numbers of an array are finite, and at most `MOST` in magnitude."""
     if not (np.abs(array) <= MOST).all():
-        raise _unfit(name, f"at most {MOST:g} in magnitude", array.flat[np.abs(array).argmax()].item(), OTHER_UNITS)
+        raise _error(name, f"at most {MOST:g} in magnitude", array.flat[np.abs(array).argmax()].item(), OTHER_UNITS)
 
 
 def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
@@ -105,8 +105,8 @@ def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
             return result
     except (TypeError, ValueError, OverflowError) as error:
         hint = described(error)
-    raise _unfit(name, f"an array of {np.dtype(dtype)}", value, hint)
+    raise _error(name, f"an array of {np.dtype(dtype)}", value, hint)
 
 
-def _unfit(name: str, expected: str, value: object, hint: str = "") -> InputError:
+def _error(name: str, expected: str, value: object, hint: str = "") -> InputError:
     return InputError(f"must be {expected}, got {shown(value)}{f': {hint}' if hint else ''}", argument=name)

@@ -1,4 +1,4 @@
-"""Errors whose cause lies outside the program, helpers for their messages, and records of skipped files."""
+"""Errors whose cause is outside the program, the words of their messages, and skipped files."""
 
 import difflib
 from collections.abc import Iterable, Sequence
@@ -18,8 +18,8 @@ class InputError(SemisynthError):
     """An input of the user cannot be used: a config, a path, an image, a model, a scene.
 
     Attributes:
-        argument: name of the wrong argument of a public function, or "". The message begins with it; the command line
-            replaces it by the option.
+        argument: name of the wrong argument of a public function, or "". The message begins with this name; the
+            command line shows its option instead.
     """
 
     def __init__(self, text: str, *, argument: str = "") -> None:
@@ -36,7 +36,7 @@ class InputError(SemisynthError):
 
 
 class ReadError(SemisynthError):
-    """A file is missing, cut off, or not what its name says; the reason is a clause, as in `SkippedFile`."""
+    """A file is missing, cut off, or not what its name says; ``reason`` is a clause such as ``"is missing"``."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")
@@ -81,12 +81,12 @@ def described(error: BaseException) -> str:
 
 
 def cut(text: str, most: int = 100) -> str:
-    """Return a text; if it is longer than ``most`` characters, cut it and add "..."."""
+    """Return a text, cut to ``most`` characters and "..." if it is longer."""
     return text if len(text) <= most else f"{text[:most]}..."
 
 
 def abbreviate(names: Sequence[str], most: int = 8) -> str:
-    """Join names with commas; of more than ``most`` names, give the first ``most`` and the number of the rest."""
+    """Join names with commas; beyond ``most`` names, give the number of the rest."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 

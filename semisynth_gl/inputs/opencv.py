@@ -1,4 +1,4 @@
-"""OpenCV, an optional dependency of some parts."""
+"""OpenCV, which only lenses and calibration need."""
 
 from importlib import import_module
 from typing import Any
@@ -7,7 +7,7 @@ from semisynth_gl.inputs.errors import InputError, how_to_install
 
 
 def open_opencv(what: str) -> Any:  # noqa: ANN401 - a module without types
-    """Import OpenCV; raises InputError if it is missing. The message begins with ``what``, the part that needs it."""
+    """Import OpenCV for ``what``, with which the message begins; raises InputError if OpenCV is missing."""
     try:
         return import_module("cv2")
     except ImportError as error:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import OTHER_EYE, Eye
 from semisynth_gl.frame.channels import VISIBLE
-from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of
+from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.interpolation import Floats, between, corners
 from semisynth_gl.lens.borders import valid_at
@@ -56,7 +56,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         return
     y_px, x_px = np.mgrid[: view.image.shape[0], : view.image.shape[1]].astype(np.float64)
     # Points behind the raw camera are nan.
-    positions = np.stack(raw.raw(pinhole_of(frame.camera, eye), x_px, y_px), axis=2)
+    positions = np.stack(raw.to_raw(frame.camera.matrix(eye), x_px, y_px), axis=2)
     # How far inside the sensor's outermost pixels a position lies.
     within_px = np.minimum(positions, np.array([raw.width_px, raw.height_px]) - 1 - positions).min(axis=2)
     if "valid" in view:

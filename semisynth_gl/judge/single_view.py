@@ -37,7 +37,7 @@ def check_view(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict
         if name in _VALUES:
             fault = f"is not one of {', '.join(map(str, _VALUES[name]))}"
             verdict.add_pixels(name, eye, fault, ~np.isin(array, _VALUES[name]))
-        elif CHANNELS[name].nothing == inf:
+        elif CHANNELS[name].fill == inf:
             values = array.reshape(*array.shape[:2], -1)
             infinite = np.isposinf(values)
             verdict.add_pixels(name, eye, "is NaN or -inf", (np.isnan(values) | np.isneginf(values)).any(axis=2))

@@ -42,7 +42,7 @@ def with_borders(
                 if name in view:
                     lost = bordered(frame, eye, valid, "flow") if name == "disparity_change" else ~valid[eye]
                     changed[name] = changed.get(name, view[name]).copy()
-                    changed[name][lost] = CHANNELS[name].nothing
+                    changed[name][lost] = CHANNELS[name].fill
         views[eye] = view.with_channels(changed)
     return Frame(frame.camera, views["left"], views["right"])
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config.rig_sections import LensBorder
 from semisynth_gl.frame.camera import Eye, Floats, StereoCamera
-from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of
+from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv
 
@@ -45,7 +45,7 @@ class LensChain:
 
     def __post_init__(self) -> None:
         x, y = (each[::_GRID_PX, ::_GRID_PX].astype(np.float64) for each in self.maps)
-        back = self.raw.rectified(self.pinhole, x, y)
+        back = self.raw.to_rectified(self.pinhole, x, y)
         rows, columns = (np.arange(0, side, _GRID_PX) for side in self.valid.shape)
         seen = self.valid[::_GRID_PX, ::_GRID_PX]
         missed = seen & ~(
@@ -65,7 +65,7 @@ class LensChain:
     @cached_property
     def pinhole(self) -> Floats:
         """The camera matrix of the rectified eye, (3, 3) float64."""
-        return pinhole_of(self.camera, self.eye)
+        return self.camera.matrix(self.eye)
 
     @cached_property
     def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -155,7 +155,7 @@ class LensChain:
         grid = np.meshgrid(along, below)
         far = 4.0 * np.max([self.camera.width_px, self.camera.height_px])
         # Pixels beyond the view show its border. Positions far beyond it would make the cubics swing within it.
-        x, y = (np.clip(np.nan_to_num(each, nan=-far), -far, far) for each in raw.rectified(self.pinhole, *grid))
+        x, y = (np.clip(np.nan_to_num(each, nan=-far), -far, far) for each in raw.to_rectified(self.pinhole, *grid))
         # Float32 holds displacements to 1e-5 px, but not positions.
         columns, rows = (
             (down @ (each - at)).astype(np.float32) @ across.T.astype(np.float32)

@@ -83,7 +83,7 @@ class RigCameras:
         # Each eye has the density of its own lens: pairs that share a left view may differ in the right lens.
         densities = {eye: chains[eye].density if chains else 1.0 for eye in eyes}
         images = self._exposed(frame, sampled, motion_blur, densities)
-        points = {eye: camera.lens_px(eye)[:2] for eye in EYES}
+        points = {eye: camera.intrinsics_px(eye)[:2] for eye in EYES}
         if chains:
             images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
             points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
@@ -141,7 +141,7 @@ class RigCameras:
             return {}
         for eye in EYES:
             raw = section.sample(eye, generator(self._seed, Purpose.LENS, sequence, eye))
-            key = raw, camera.width_px, camera.height_px, camera.lens_px(eye)
+            key = raw, camera.width_px, camera.height_px, camera.intrinsics_px(eye)
             if eye not in self._chains or self._chains[eye][0] != key:
                 self._chains[eye] = key, LensChain(raw, camera, eye, section.border)
         return {eye: chain for eye, (_, chain) in self._chains.items()}

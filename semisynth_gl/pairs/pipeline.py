@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FUTURE_OUTPUTS, PAST_OUTPUTS
+from semisynth_gl.frame.channels import FUTURE_OUTPUTS, PAST_OUTPUTS, RENDERED_OUTPUTS
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
@@ -49,7 +49,7 @@ def renderer_options(config: Config) -> dict[str, Any]:
         "wrap": config.textures.wrap,
         "anisotropy": config.textures.anisotropy,
         "large_anisotropy": config.textures.large_anisotropy,
-        "outputs": [output for output in config.outputs if output in DRAWN_OUTPUTS],
+        "outputs": [output for output in config.outputs if output in RENDERED_OUTPUTS],
         "truth": config.truth,
         "rectified": config.rig.is_rectified(),
         "signed": config.disparity.signed,

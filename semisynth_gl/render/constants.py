@@ -52,7 +52,7 @@ class ConstantsBuffer:
         values = np.zeros((), CONSTANTS)
         matrix = clip_from_view(camera, eye, near_m) if projection is None else projection
         values["clip_from_view"] = matrix.T
-        cx, cy, fx, fy = camera.lens_px(eye)
+        cx, cy, fx, fy = camera.intrinsics_px(eye)
         values["centre_px"] = cx, cy
         values["focal_px"] = fx, fy
         values["focal_baseline"] = camera.focal_baseline

@@ -174,7 +174,7 @@ def _boxes(
     camera = scene.camera if part is None else scene.camera.cropped(part)
     x, y, z = (np.matmul(corners, rows[:, :, :3].transpose(0, 2, 1)) + rows[:, None, :, 3]).transpose(2, 0, 1)
     nearest = z.min(axis=1)
-    (cx, cy, fx, fy), near_m = camera.lens_px(eye), scene.near_of(eye)
+    (cx, cy, fx, fy), near_m = camera.intrinsics_px(eye), scene.near_of(eye)
     before_eye = np.maximum(z, near_m)
     column = fx * x / before_eye + cx
     row = fy * y / before_eye + cy

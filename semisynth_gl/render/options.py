@@ -9,11 +9,11 @@ from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import (
     ANTIALIASING,
     CHANNELS,
-    DRAWN_OUTPUTS,
     FLOW_OUTPUTS,
     FUTURE_OUTPUTS,
     LENS_OUTPUTS,
     PAST_OUTPUTS,
+    RENDERED_OUTPUTS,
     TRUTH_VIEWS,
     Channel,
     TruthViews,
@@ -61,9 +61,11 @@ class RenderOptions:
             InputError: where an option is unknown, or two options exclude each other.
         """
         if isinstance(outputs, str) or not isinstance(outputs, Collection):
-            raise InputError(f"expected some of {', '.join(DRAWN_OUTPUTS)}, got {shown(outputs)}", argument="outputs")
+            raise InputError(
+                f"expected some of {', '.join(RENDERED_OUTPUTS)}, got {shown(outputs)}", argument="outputs"
+            )
         for output in outputs:
-            check_one_of("outputs", output, DRAWN_OUTPUTS)
+            check_one_of("outputs", output, RENDERED_OUTPUTS)
         if not rectified and "disparity_change" in outputs:
             raise InputError(
                 "the output disparity_change needs rectified pairs: drop this output, or let no right camera deviate"

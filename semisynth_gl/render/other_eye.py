@@ -53,7 +53,7 @@ class CorrespondencePass:
         scene, camera, other = pair.transforms.scene, pair.transforms.scene.camera, OTHER_EYE[eye]
         self._steps.set("rectified", camera.rectified)
         self._steps.set("turn_and_shift", _turn_and_shift(camera, eye))
-        own_lens, lens = np.array(camera.lens_px(eye)), np.array(camera.lens_px(other))
+        own_lens, lens = np.array(camera.intrinsics_px(eye)), np.array(camera.intrinsics_px(other))
         self._steps.set("own_lens", tuple(own_lens))
         self._steps.set("lens_change", tuple(lens - own_lens))
         self._resources.models.bind_triangles(pair.transforms, other)

@@ -14,7 +14,7 @@ def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.
     plane: near / Z, which is 1 at the near plane and 0 at infinity.
     """
     w, h = camera.width_px, camera.height_px
-    cx, cy, fx, fy = camera.lens_px(eye)
+    cx, cy, fx, fy = camera.intrinsics_px(eye)
     matrix = np.zeros((4, 4))
     matrix[0, 0] = 2 * fx / w
     matrix[0, 2] = (2 * cx + 1) / w - 1
@@ -33,7 +33,7 @@ def in_view(
     Centres (N, 3) are in the eye's frame, radii are (N,). The result is False only if a sphere is certainly outside the
     frustum.
     """
-    cx, cy, fx, fy = camera.lens_px(eye)
+    cx, cy, fx, fy = camera.intrinsics_px(eye)
     x0, x1 = -0.5 - cx, camera.width_px - 0.5 - cx
     y0, y1 = -0.5 - cy, camera.height_px - 0.5 - cy
     # Inward normals of the five planes through the eye; a plane through x = x1 is fx X - x1 Z <= 0.

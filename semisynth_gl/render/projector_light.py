@@ -96,7 +96,7 @@ def _projector_from_window(projector: Projector, camera: StereoCamera, eye: Eye,
 
     x and y are in the window, Z is in the eye's frame. The fourth row is that of the identity.
     """
-    cx, cy, fx, fy = camera.lens_px(eye)
+    cx, cy, fx, fy = camera.intrinsics_px(eye)
     scale = width_px / camera.width_px
     # A window's position x is (x / scale - 1 / 2) px in the image.
     view_from_window = np.array(

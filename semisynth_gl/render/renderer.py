@@ -58,7 +58,7 @@ class Renderer:
         anisotropy: maximum number of samples of a patch, 1 to 16, for a pixel that sees the patch at a grazing angle;
             with 1 such pixels are blurred.
         large_anisotropy: the same for large patches.
-        outputs: the outputs to make besides images and disparities; see `semisynth_gl.frame.channels.DRAWN_OUTPUTS`.
+        outputs: the outputs to make besides images and disparities; see `semisynth_gl.frame.channels.RENDERED_OUTPUTS`.
         truth: the views for which disparity and outputs are made, "both" or "left".
         rectified: False if right cameras may deviate from the rectified camera; both eyes' depths are then drawn.
         signed: whether disparities of 0 and below are valid.

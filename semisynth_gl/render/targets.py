@@ -32,7 +32,7 @@ def _attachments(drawn_by: str) -> dict[str, Attachment]:
             name = attachment_of(channel)
             # Colours are stored as bytes that mean 0 to 1, since the driver filters and averages them.
             kind = "f1" if name == "colour" else f"{channel.dtype.kind}{channel.dtype.itemsize}"
-            attachments[name] = Attachment(channel.components, kind, channel.nothing)
+            attachments[name] = Attachment(channel.components, kind, channel.fill)
     return attachments
 
 

@@ -77,7 +77,7 @@ def left_view_hits(scene: Scene, models: Sequence[Mesh]) -> LeftViewHits:
     points, owner = np.concatenate(parts), np.concatenate(owners)
     corners = np.ascontiguousarray(np.concatenate(triangles).T)
     camera, inverse = scene.camera, 1 / points[:, 2]
-    cx, cy, fx, fy = camera.lens_px("left")
+    cx, cy, fx, fy = camera.intrinsics_px("left")
     sides = (0, camera.width_px, fx, cx), (1, camera.height_px, fy, cy)
     x, y = (
         (points[:, axis] * inverse * focal_px + (middle_px + 0.5)) * (GRID[axis] / size_px) - 0.5

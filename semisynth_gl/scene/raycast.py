@@ -86,7 +86,7 @@ def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[
     safe = np.where(depth > 0, depth, 1.0)
     boxes = np.empty((4, len(triangles)))
     corners = triangles.T
-    cx, cy, fx, fy = camera.lens_px(eye)
+    cx, cy, fx, fy = camera.intrinsics_px(eye)
     for axis, (focal, centre) in enumerate(((fx, cx), (fy, cy))):
         # A corner close to the camera's own plane may be projected to infinity.
         with np.errstate(over="ignore"):

@@ -1,1 +1,1 @@
-"""Random numbers: a generator for each purpose, splits with their own seeds, and evenly spread numbers."""
+"""Random generators, the splits of a dataset, and evenly spaced numbers."""

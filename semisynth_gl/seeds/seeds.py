@@ -1,4 +1,4 @@
-"""Random generators, one per purpose so that purposes do not affect each other, and evenly spread numbers."""
+"""Random generators, one per purpose so that purposes do not affect each other, and evenly spaced numbers."""
 
 import zlib
 from enum import IntEnum, unique
@@ -44,23 +44,19 @@ def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Genera
     Args:
         seed: the seed of the dataset, or of a split, see `Split.seed`.
         purpose: see `Purpose`.
-        keys: distinguish the streams of a purpose: numbers of 0 or more (sequence, generation, ...), or names, which
-            are replaced by the CRC-32 of their UTF-8 bytes. They are NumPy's spawn key: if they were passed as
-            entropy, [1, 2] and [1, 2, 0] would give the same stream.
+        keys: distinguish the streams of a purpose: numbers of 0 or more, such as a sequence's, or names.
     """
+    # The keys are NumPy's spawn key: as entropy, [1, 2] and [1, 2, 0] would give the same stream.
     numbers = (zlib.crc32(key.encode()) if isinstance(key, str) else key for key in keys)
     sequence = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))
     return np.random.Generator(np.random.PCG64(sequence))
 
 
 def centres(count: int, parts: int) -> list[int]:
-    """Return the number in the middle of each of ``parts`` equal parts of ``range(count)``, in rising order.
-
-    With more parts than numbers, numbers repeat.
-    """
+    """Return the middle number of each of ``parts`` equal parts of ``range(count)``; with few numbers, some repeat."""
     return [(2 * part + 1) * count // (2 * parts) for part in range(parts)]
 
 
 def spread(count: int, wanted: int) -> list[int]:
-    """Return ``wanted`` numbers of ``range(count)``, evenly spread and rising, or all if there are fewer."""
+    """Return ``wanted`` evenly spaced numbers of ``range(count)``, or all if there are fewer."""
     return centres(count, min(count, wanted))

@@ -1,4 +1,4 @@
-"""Train, validation and test: the seed of each split, and the photographs and models that are held out for it."""
+"""The splits train, validation and test: the seed of each, and which photographs and models it has."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,13 +17,14 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """One split of a dataset, with the seed from which all its random numbers follow.
+    """One split of a dataset.
 
     Attributes:
         dataset_seed: the dataset's seed, the same for all its splits.
         name: name of the split.
-        held_out: share of the photographs' subjects for each of ``validation`` and ``test`` that the dataset has.
-        models: whether the models are held out by the same shares.
+        held_out: share of the photographs' subjects that is held out for ``validation`` and for ``test``; a split that
+            the dataset does not have is left out.
+        models: whether models are held out too, by the same shares.
     """
 
     dataset_seed: int
@@ -33,17 +34,22 @@ class Split:
 
     @property
     def seed(self) -> int:
-        """The seed of this split's scenes: for ``train`` the dataset's, else a number below 2^63 derived from it."""
+        """The seed of this split's scenes: for ``train`` the dataset's, else a number derived from it."""
         if self.name == "train":
             return self.dataset_seed
         return int(generator(self.dataset_seed, Purpose.SPLIT, SPLITS.index(self.name)).integers(2**63))
 
     def select(self, items: Sequence[Item], what: str, purpose: int, names: Sequence[str] | None = None) -> list[Item]:
-        """Return the items of this split, in their order; no item is in two splits.
+        """Return the items of this split, in their order. Each item is in one split only.
 
-        Items are shuffled by the dataset's seed and ``purpose``, a number for their kind, and cut into splits by the
-        shares of ``held_out``. With unique ``names`` of the items, adding an item moves only items next to a border
-        between splits. Raises InputError if a split would get no item; its message calls the items ``what``.
+        Args:
+            items: the items of all splits, which are shuffled and then divided by the shares of ``held_out``.
+            what: plural noun for the items in messages.
+            purpose: number of the kind of items; each kind is shuffled independently.
+            names: the items' names. With names, a new item moves few others to another split.
+
+        Raises:
+            InputError: where a split would get no item.
         """
         counts = {name: max(1, round(share * len(items))) for name, share in self.held_out.items()}
         rest = len(items) - sum(counts.values())
@@ -59,6 +65,6 @@ class Split:
             ranks = [generator(self.dataset_seed, Purpose.SPLIT, len(SPLITS), purpose, name).random() for name in names]
             order = np.argsort(ranks)
         validation, test = (counts.get(name, 0) for name in ("validation", "test"))
-        held = np.split(order, [validation, validation + test])
-        own = dict(zip(("validation", "test", "train"), held, strict=True))[self.name]
-        return [items[number] for number in np.sort(own)]
+        parts = np.split(order, [validation, validation + test])
+        chosen = dict(zip(("validation", "test", "train"), parts, strict=True))[self.name]
+        return [items[number] for number in np.sort(chosen)]

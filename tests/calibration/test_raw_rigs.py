@@ -13,7 +13,7 @@ from photograph_like import noise, save
 from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.rig import RectifiedRig
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
+from semisynth_gl.frame.raw_camera import RawCamera, rotation_of
 from semisynth_gl.pairs.pipeline import render_pair
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
@@ -31,8 +31,8 @@ def test_a_reduced_rig_sees_the_same_directions():
     assert half.size == (half.raw["left"].width_px, half.raw["left"].height_px) == (161, 121)
     x, y = np.meshgrid(np.arange(0.0, 160), np.arange(0.0, 120))
     whole_x, whole_y = (x + 0.5) * 2 - 0.5, (y + 0.5) * 2 - 0.5
-    pinhole = pinhole_of(camera, "left")
-    seen, whole = half.raw["left"].rectified(pinhole, x, y), raw.rectified(pinhole, whole_x, whole_y)
+    pinhole = camera.matrix("left")
+    seen, whole = half.raw["left"].to_rectified(pinhole, x, y), raw.to_rectified(pinhole, whole_x, whole_y)
     np.testing.assert_allclose(seen, whole, atol=1e-9)
     for eye in EYES:
         np.testing.assert_allclose(half.camera.rays(eye, x, y), camera.rays(eye, whole_x, whole_y), rtol=1e-12)

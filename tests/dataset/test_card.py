@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from semisynth_gl.dataset.index import encode_card, file_patterns
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS
+from semisynth_gl.frame.channels import RENDERED_OUTPUTS
 from semisynth_gl.layouts import find_layout, layout_names
 
 FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
@@ -59,7 +59,7 @@ def test_load_dataset_reads_every_image_and_nothing_else(layout, tmp_path, monke
 @pytest.mark.parametrize("layout", layout_names())
 def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout, length, views):
     lacks = find_layout(layout).lacks | ({"flow", "flow_backward", "disparity_change"} if length == 3000 else set())
-    values = {} if length is None else {"outputs": [output for output in DRAWN_OUTPUTS if output not in lacks]}
+    values = {} if length is None else {"outputs": [output for output in RENDERED_OUTPUTS if output not in lacks]}
     camera = {"width_px": 48, "height_px": 32, "focal_px": 60, "baselines": [0.1, 0.2, 0.3, 0.4][:views]}
     config = config_of(name=NAME, camera=camera, sequence={"length": length or 1}, **values)
     assert config.views == views

@@ -53,7 +53,7 @@ def test_no_sphere_that_reaches_into_the_view_is_culled(centre, radius, eye, fy_
     points = np.random.default_rng(0).normal(size=(2000, 3))
     points = np.array(centre) + radius * points / np.linalg.norm(points, axis=1, keepdims=True)
     front = points[points[:, 2] > 0.5]
-    x = camera.focal_px * front[:, 0] / front[:, 2] + camera.lens_px(eye)[0]
+    x = camera.focal_px * front[:, 0] / front[:, 2] + camera.intrinsics_px(eye)[0]
     y = camera.focal_y_px * front[:, 1] / front[:, 2] + camera.cy_px
     assume(((x > -0.5) & (x < 199.5) & (y > -0.5) & (y < 99.5)).any())
     assert in_view(camera, eye, 0.5, np.array([centre]), np.array([radius]))[0]

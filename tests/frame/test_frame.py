@@ -44,15 +44,15 @@ def test_a_row_of_the_table_fits_the_others(channel):
     decoded = codec.decode(codec.encode(array), channel.name)
     assert decoded.dtype == channel.dtype
     np.testing.assert_array_equal(decoded, array)
-    nothing = np.full_like(array, channel.nothing)
+    nothing = np.full_like(array, channel.fill)
     np.testing.assert_array_equal(codec.decode(codec.encode(nothing), channel.name), nothing)
     assert (channel.output is None) == (channel.name in ("image", "disparity"))
     if channel.mask is not None:
         mask = CHANNELS[channel.mask]
-        assert (mask.dtype, mask.components, mask.nothing) == (np.uint8, 1, 0)
+        assert (mask.dtype, mask.components, mask.fill) == (np.uint8, 1, 0)
         assert (mask.mask, mask.output) == (None, channel.output or mask.name)
         # What has no value is no point that another image could show.
-        assert np.isinf(channel.nothing)
+        assert np.isinf(channel.fill)
 
 
 def test_roles_are_unique_and_files_have_the_same():
@@ -131,7 +131,7 @@ def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
         step = np.cross(points[20, 31] - points[20, 30], points[21, 30] - points[20, 30])
         np.testing.assert_allclose(-step / np.linalg.norm(step), view.normals[20, 30], atol=1e-3)
         # The pixel again: the camera looks through its centre.
-        x_px = camera.lens_px(eye)[0] + camera.focal_px * (points[..., 0] - camera.offset_m(eye)) / points[..., 2]
+        x_px = camera.intrinsics_px(eye)[0] + camera.focal_px * (points[..., 0] - camera.offset_m(eye)) / points[..., 2]
         np.testing.assert_allclose(x_px[seen], np.mgrid[:48, :64][1][seen], atol=1e-3)
 
 

@@ -18,7 +18,7 @@ from semisynth_gl.config import load_config
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
-from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
+from semisynth_gl.frame.raw_camera import RawCamera, rotation_of
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
@@ -51,11 +51,11 @@ def test_the_formulas_are_opencvs(name):
         expected, _ = cv2.fisheye.projectPoints(points[:, None], *lens)
     else:
         expected, _ = cv2.projectPoints(points, *lens)
-    pinhole = pinhole_of(CAMERA, "left")
+    pinhole = CAMERA.matrix("left")
     seen = points @ pinhole.T
-    x, y = raw.raw(pinhole, seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2])
+    x, y = raw.to_raw(pinhole, seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2])
     np.testing.assert_allclose(np.c_[x, y], expected.reshape(-1, 2), atol=1e-8)
-    np.testing.assert_allclose(np.c_[raw.rectified(pinhole, x, y)], (seen / seen[:, 2:])[:, :2], atol=1e-5)
+    np.testing.assert_allclose(np.c_[raw.to_rectified(pinhole, x, y)], (seen / seen[:, 2:])[:, :2], atol=1e-5)
 
 
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 3))
@@ -67,7 +67,7 @@ def test_a_rotation_vector_turns_as_opencvs(vector):
 def test_a_lens_that_does_nothing_leaves_each_bit(shape):
     image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
     for eye in EYES:
-        raw = RawCamera(160, 120, 150, 150, *CAMERA.lens_px(eye)[:2], "radial-tangential", (0.0,) * 4)
+        raw = RawCamera(160, 120, 150, 150, *CAMERA.intrinsics_px(eye)[:2], "radial-tangential", (0.0,) * 4)
         chain = LensChain(raw, CAMERA, eye, "black")
         assert chain.density == 1
         assert chain.valid.all()
@@ -86,7 +86,7 @@ def test_the_raw_image_is_what_its_rays_meet(name, fy_over_fx, density):
 
     y, x = (np.mgrid[: 120 * density, : 160 * density] + 0.5) / density - 0.5
     found = chain.raw_image(np.rint(colours(x, y)).astype(np.uint8), density)
-    at = raw.rectified(chain.pinhole, *np.mgrid[:150, :200].astype(float)[::-1])
+    at = raw.to_rectified(chain.pinhole, *np.mgrid[:150, :200].astype(float)[::-1])
     # Beyond the outermost centres, the border is repeated.
     expected = colours(at[0].clip(x.min(), x.max()), at[1].clip(y.min(), y.max()))
     inside = (np.abs(at[0] - 79.5) < 80) & (np.abs(at[1] - 59.5) < 60)
@@ -101,7 +101,7 @@ def test_the_raw_image_is_what_its_rays_meet(name, fy_over_fx, density):
 def test_a_border_is_where_no_ray_ends_on_the_sensor(border, level):
     raw = raw_camera("four", focal_px=190.0, size=(160, 120))
     chain = LensChain(raw, CAMERA, "right", border)
-    x, y = raw.raw(chain.pinhole, *np.meshgrid(np.arange(160.0), np.arange(120.0)))
+    x, y = raw.to_raw(chain.pinhole, *np.meshgrid(np.arange(160.0), np.arange(120.0)))
     within = np.minimum(np.minimum(x, 159 - x), np.minimum(y, 119 - y)) >= -1e-3  # OpenCV's maps are float32
     assert 0.02 < 1 - within.mean() < 0.6
     np.testing.assert_array_equal(chain.valid, within)

@@ -12,7 +12,7 @@ from tiny_datasets import EYE, with_lens
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
-from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
+from semisynth_gl.frame.raw_camera import RawCamera, rotation_of
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
@@ -39,9 +39,7 @@ def rectified(frame, eye, border):
     record, view = frame.provenance["lens"][eye], frame.view(eye)
     matrix, distortion, rotation = (np.array(record[name]) for name in "KDR")
     size, model = view.image.shape[1::-1], cv2.fisheye if record["model"] == "fisheye" else cv2
-    maps = model.initUndistortRectifyMap(
-        matrix, distortion, rotation, pinhole_of(frame.camera, eye), size, cv2.CV_32FC1
-    )
+    maps = model.initUndistortRectifyMap(matrix, distortion, rotation, frame.camera.matrix(eye), size, cv2.CV_32FC1)
     return cv2.remap(view.raw, *maps, cv2.INTER_LINEAR, borderMode=border)
 
 
@@ -79,7 +77,7 @@ def test_a_raw_image_is_black_beyond_the_rectified_view_alone():
     white = np.full((240, 260), 255, np.uint8)
     shown = chain.within_view(white)
     y, x = np.mgrid[:240, :260].astype(float)
-    column, row = raw.rectified(pinhole_of(camera, "left"), x, y)
+    column, row = raw.to_rectified(camera.matrix("left"), x, y)
     beyond = np.maximum(np.maximum(-0.5 - column, column - 159.5), np.maximum(-0.5 - row, row - 119.5))
     assert (shown[~(beyond > 0)] == 255).all()
     assert (shown[~(beyond <= 2)] == 0).all()

@@ -153,7 +153,7 @@ def test_recorded_values_make_the_image_again_from_the_clean_one(changes):
         seen |= {*drawn[eye]["white_balance"], drawn[eye]["vignetting"], drawn[eye]["sharpening"]}
         assert drawn[eye]["jpeg_quality"] in range(60, 96)
         values = Imperfections(**drawn[eye])
-        point = sharp.camera.lens_px(eye)[:2]
+        point = sharp.camera.intrinsics_px(eye)[:2]
         if name == "raw":
             point = np.array(pair.provenance["lens"][eye]["K"])[:2, 2]
         again = apply_imperfections(sharp.view(eye)[name], values, rng, point)

@@ -13,7 +13,7 @@ from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS
+from semisynth_gl.frame.channels import RENDERED_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.readers import PixelBuffers
@@ -115,7 +115,7 @@ def reader(runtime):
 
 
 def test_what_is_drawn_reaches_cuda_as_it_is_read_back(backend, runtime, reader):
-    config = cheap(antialias="ssaa2", outputs=list(DRAWN_OUTPUTS))
+    config = cheap(antialias="ssaa2", outputs=list(RENDERED_OUTPUTS))
     with PairRenderer(config, SEED, backend) as usual, PairRenderer(config, SEED, backend, read=reader) as renderer:
         for index, crop in enumerate((None, Crop(5, 3, 31, 17), None)):
             tensors = renderer.render(index, crop=crop, checked=False).frame.arrays()

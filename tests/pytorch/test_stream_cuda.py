@@ -9,13 +9,13 @@ if not torch.cuda.is_available():
     pytest.skip("needs a GPU that PyTorch sees", allow_module_level=True)
 pytestmark = pytest.mark.heavy
 
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS  # noqa: E402
+from semisynth_gl.frame.channels import RENDERED_OUTPUTS  # noqa: E402
 from semisynth_gl.torch import StereoStream  # noqa: E402
 
 
 @pytest.mark.parametrize("crop", [None, (20, 30)])
 def test_tensors_are_those_of_main_memory(crop):
-    config = cheap(outputs=DRAWN_OUTPUTS, sequence={"length": 2})
+    config = cheap(outputs=RENDERED_OUTPUTS, sequence={"length": 2})
     through_memory, on_gpu = (
         list(StereoStream(config, 3, 6, crop=crop, checked=False, device=device)) for device in ("cpu", "cuda")
     )

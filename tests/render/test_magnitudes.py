@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scenes import noise_layers, one_model, posed
 
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS
+from semisynth_gl.frame.channels import RENDERED_OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_units import make_model
 from semisynth_gl.inputs.errors import BackendError, InputError
@@ -61,7 +61,7 @@ def drawn(antialias="none", **numbers):
     then = np.array(pose)
     then[0, 3] += n["moved_m"]
     motion = move(scene, world_from_model=[then])
-    with Renderer([wall], noise_layers(1, 16), outputs=DRAWN_OUTPUTS, signed=True, antialias=antialias) as renderer:
+    with Renderer([wall], noise_layers(1, 16), outputs=RENDERED_OUTPUTS, signed=True, antialias=antialias) as renderer:
         return renderer.render(scene, future=motion, past=motion), scene, wall
 
 
@@ -89,7 +89,7 @@ def check(numbers, antialias="none"):
         # A rasteriser moves vertices by up to 1/256 px, and float32 rounds their places in the image.
         nearest_m = np.maximum(np.abs(corners[:, 2]).min(), scene.near_m)
         across_px = camera.focal_px * (np.abs(corners[:, :2]).max() + camera.baseline_m + 2 * reach_m) / nearest_m
-        aside = 1 / 16 + 2.0**-22 * (abs(camera.lens_px(eye)[0]) + abs(camera.cy_px) + across_px)
+        aside = 1 / 16 + 2.0**-22 * (abs(camera.intrinsics_px(eye)[0]) + abs(camera.cy_px) + across_px)
         around = []
         # Nearby rays too: those farther aside may pass a wall that is narrower than a pixel on both sides.
         away = [far for near in (1 / 1024, 1 / 256, 1 / 64, aside) for far in (near, -near)]

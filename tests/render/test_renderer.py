@@ -17,7 +17,7 @@ from tiny_datasets import cheap
 
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS
+from semisynth_gl.frame.channels import FLOW_OUTPUTS, RENDERED_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import context, osmesa
@@ -27,7 +27,7 @@ from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene import sources
 from semisynth_gl.scene.scene import make_scene, move
 
-STILL = tuple(output for output in DRAWN_OUTPUTS if output not in FLOW_OUTPUTS)
+STILL = tuple(output for output in RENDERED_OUTPUTS if output not in FLOW_OUTPUTS)
 CAMERA = StereoCamera.centred(60, 40, 40.0, 0.1)
 SIMPLE = one_model(CAMERA, [facing(CAMERA, 0, 0, 60, 40, 2.0), facing(CAMERA, 10, 5, 8.5, 9, 1.0)])
 
@@ -42,7 +42,7 @@ def test_both_software_backends_give_the_same_bytes():
             pytest.skip(f"no {name} of llvmpipe's here")
     case = CASES["sky, signed"]()
     for antialias in ("none", "edges", "ssaa2"):
-        digests, options = set(), {"antialias": antialias, "outputs": DRAWN_OUTPUTS, "signed": True}
+        digests, options = set(), {"antialias": antialias, "outputs": RENDERED_OUTPUTS, "signed": True}
         for name in ("egl", "osmesa"):
             with Renderer(models(), noise_layers(4, 32), backend=name, **options) as renderer:
                 frame = renderer.render(case.scene, future=case.future, past=case.past)
@@ -67,7 +67,7 @@ def test_two_renderers_draw_in_turn_and_outlive_each_other(backend):
 @pytest.mark.one_backend
 @pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
 def test_pairs_and_images_of_many_sizes_are_drawn_in_turn_and_leave_nothing_behind(open_renderer, antialias):
-    renderer = open_renderer([SQUARE], noise_layers(1, 32), antialias=antialias, outputs=DRAWN_OUTPUTS)
+    renderer = open_renderer([SQUARE], noise_layers(1, 32), antialias=antialias, outputs=RENDERED_OUTPUTS)
 
     def draw(width, count):
         # At times more instances than there is room for at first.
@@ -116,8 +116,8 @@ def test_instances_without_end_are_drawn_but_ids_end(open_renderer):
 @pytest.mark.one_backend
 def test_outputs_are_made_only_when_asked_for(open_renderer):
     motions = dict.fromkeys(("future", "past"), move(SIMPLE, camera_from_world=posed(np.eye(3), (0.02, 0, 0))))
-    full = open_renderer([SQUARE], noise_layers(1, 16), outputs=DRAWN_OUTPUTS).render(SIMPLE, **motions)
-    for names in ((), *((name,) for name in DRAWN_OUTPUTS)):
+    full = open_renderer([SQUARE], noise_layers(1, 16), outputs=RENDERED_OUTPUTS).render(SIMPLE, **motions)
+    for names in ((), *((name,) for name in RENDERED_OUTPUTS)):
         for truth in ("both", "left"):
             alone = open_renderer([SQUARE], noise_layers(1, 16), outputs=names, truth=truth).render(SIMPLE, **motions)
             channels = {"disparity", *names, *(f"{name}_visibility" for name in names if name.startswith("flow"))}

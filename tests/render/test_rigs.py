@@ -18,7 +18,7 @@ from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.config.rig_sections import CameraSection
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import CameraDeviation, Crop, StereoCamera
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS, OCCLUDED
+from semisynth_gl.frame.channels import OCCLUDED, RENDERED_OUTPUTS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
@@ -172,7 +172,7 @@ def test_the_right_near_plane_cuts_off_nothing_that_the_left_view_shows(open_ren
 )
 def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, changes):
     """All outputs of both views, whole and cropped, asked for in any order."""
-    outputs = [output for output in DRAWN_OUTPUTS if output != "disparity_change" or "rig" not in changes]
+    outputs = [output for output in RENDERED_OUTPUTS if output != "disparity_change" or "rig" not in changes]
     config, crop = several(sequence={"length": 2}, outputs=outputs, **changes), Crop(9, 7, 30, 21)
     options = {"truth": config.truth, "antialias": config.antialias, "rectified": config.rig.is_rectified()}
     with PairRenderer(config, SEED, backend) as pairs:

@@ -10,7 +10,7 @@ from scenes import assert_equal
 
 from semisynth_gl import oracle
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS, OCCLUDED, OUTSIDE, SKY, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, RENDERED_OUTPUTS, SKY, VISIBLE
 from semisynth_gl.render import work_list_steps
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import RayHits, cast_rays
@@ -41,7 +41,7 @@ def ramps():
 @cache
 def renderer(backend, own, rectified, signed):
     """One for all scenes of the same models and options, until Python exits."""
-    outputs = [name for name in DRAWN_OUTPUTS if rectified or name != "disparity_change"]
+    outputs = [name for name in RENDERED_OUTPUTS if rectified or name != "disparity_change"]
     return Renderer(own, ramps(), outputs=outputs, rectified=rectified, signed=signed, backend=backend)
 
 

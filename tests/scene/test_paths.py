@@ -72,7 +72,8 @@ def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed
         for age in (0.0, 1.0):
             for eye in EYES:
                 x, y, z = np.moveaxis(seen(age, time_s) - [camera.offset_m(eye), 0, 0], -1, 0)
-                column, row = camera.focal_px * x / z + camera.lens_px(eye)[0], camera.focal_px * y / z + camera.cy_px
+                cx, cy, fx, fy = camera.intrinsics_px(eye)
+                column, row = fx * x / z + cx, fy * y / z + cy
                 across, down = np.abs(2 * column + 1 - camera.width_px), np.abs(2 * row + 1 - camera.height_px)
                 assert not ((z > 0) & (across < camera.width_px) & (down < camera.height_px - 1e-6)).any()
         for age in rng.random(3):
