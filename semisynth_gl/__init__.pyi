@@ -6,9 +6,9 @@ from .config import Config as Config
 from .config import load_config as load_config
 from .dataset.generate import GenerationResult as GenerationResult
 from .dataset.generate import generate as generate
+from .dataset.pair_files import StoredFrame as StoredFrame
 from .dataset.reader import Dataset as Dataset
 from .dataset.reader import open_dataset as open_dataset
-from .dataset.sample import StoredFrame as StoredFrame
 from .frame.camera import Crop as Crop
 from .frame.camera import StereoCamera as StereoCamera
 from .frame.channels import ViewArrays as ViewArrays

@@ -6,9 +6,9 @@ from hand_made_pairs import CAMERA, make_frame, make_provenance
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.folder import begin, finish, locked, missing
 from semisynth_gl.dataset.make import write_shard
+from semisynth_gl.dataset.pair_files import encode_pair
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import open_root
-from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.geometry.relief import MeanModelRelief

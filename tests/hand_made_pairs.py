@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from semisynth_gl.codecs import Encodings
-from semisynth_gl.dataset.sample import assemble_frame, decode_file, encode_pair
+from semisynth_gl.dataset.pair_files import assemble_frame, decode_file, encode_pair
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, SKY, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame

@@ -28,7 +28,7 @@ from accuracy import cast_truth, errors_px
 from scene import PeerScene, library_meshes, make_scene
 
 from semisynth_gl.bench.summary import machine_facts, markdown
-from semisynth_gl.dataset.engines import THREADS
+from semisynth_gl.dataset.engines import LLVMPIPE_THREADS
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -223,9 +223,9 @@ def run_together(
     out = work / "out" / candidate.name
     shutil.rmtree(out, ignore_errors=True)
     environment = dict(os.environ)
-    environment.pop(THREADS, None)
+    environment.pop(LLVMPIPE_THREADS, None)
     if parallel.threads is not None:
-        environment[THREADS] = parallel.threads
+        environment[LLVMPIPE_THREADS] = parallel.threads
     log = work / f"{candidate.name}.log"
     processes = []
     started = time.perf_counter()

@@ -1,1 +1,1 @@
-"""Changes of pairs for training that keep the truth exact. It needs no PyTorch; `semisynth_gl.torch` applies them."""
+"""Changes of training pairs that keep the truth exact, without PyTorch; `semisynth_gl.torch` applies them."""

@@ -59,16 +59,15 @@ class SequenceChanges:
 class Augmentation(CheckedFields):
     """Changes of training pairs. The default changes nothing.
 
-    Values are sampled uniformly from ranges (low, high); shares are of samples. Values depend on the seed, the sequence
-    and the epoch; the noise also depends on the pair. All frames of a sequence change alike, so that flow is valid
-    between them.
+    Values are sampled uniformly from ranges (low, high). They depend on the seed, the sequence and the epoch; the noise
+    also depends on the pair. All frames of a sequence change alike, so that flow is valid between them.
 
     Truth is that of the changed pair at the centre of each pixel, see `semisynth_gl.augmentation.resampling`. Raw
     images and maps into them are dropped, since they show the unchanged pair.
 
     Attributes:
         scale: factors of width and height, sampled log-uniformly, and raised if the crop would not fit.
-        stretch: further factors of the width, sampled likewise.
+        stretch: factors of the width in addition to ``scale``, sampled log-uniformly.
         mirrored: share of samples that are mirrored, which swaps left and right. Needs truth of both views and a
             rectified rig.
         right_y_px: shifts of the right image, px down, as in a badly rectified rig. The disparity is then the
@@ -161,7 +160,7 @@ class Augmentation(CheckedFields):
         return max(side / most for side, most in zip(crop, available, strict=True)) if min(available) > 0 else inf
 
     def _margin(self, image_size: Size) -> int:
-        """Return the margin around a moved right image, px of the source: largest movement plus the filters' radius."""
+        """Return the margin around a moved right image, px before scaling: largest movement plus filters' radius."""
         if not self._moves_right:
             return 0
         by_roll = sin(radians(max(map(abs, self.right_roll_deg)))) * sum(image_size)

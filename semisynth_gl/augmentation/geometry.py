@@ -22,7 +22,7 @@ from semisynth_gl.inputs.errors import InputError
 _FLOWS = ("flow", "flow_backward")
 # Tolerances by which neighbouring values on one surface may deviate from a line: px, and a share of inverse depths.
 _SURFACE_PX, _SURFACE_SHARE = 0.1, np.float32(2e-3)
-# Channels in px, by the factors that scale them: scale_x; scale_x and scale_y.
+# Channels in px: those that scale_x multiplies, and vectors whose x scale_x and whose y scale_y multiplies.
 _HORIZONTAL, _DISPLACEMENTS = {"disparity", "disparity_change"}, {"correspondence", *_FLOWS}
 
 
@@ -153,7 +153,7 @@ def _truth(view: ViewArrays, points: SamplePoints) -> dict[str, NDArray[Any]]:
 
 
 class _Movement:
-    """The rotation and shift of the right image, in px of the unscaled pair."""
+    """The rotation and shift of the right image, px before scaling."""
 
     def __init__(self, warp: Warp, camera: StereoCamera) -> None:
         self._cos, self._sin = np.cos(warp.right_roll_rad), np.sin(warp.right_roll_rad)
@@ -170,7 +170,7 @@ class _Movement:
     def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the moved right image; its border pixels continue beyond the border."""
         channels = np.moveaxis(image.reshape(*image.shape[:2], -1).astype(np.float32), 2, 0)
-        # In the order of rows and columns.
+        # affine_transform takes (row, column), so matrix and offset have y first.
         turn = np.array([[self._cos, -self._y_of_x], [self._x_of_y, self._cos]])
         offset = self.position_before(np.zeros(()), np.zeros(()))[::-1]
         values = [ndimage.affine_transform(each, turn, offset, mode="nearest") for each in channels]
@@ -180,7 +180,7 @@ class _Movement:
     def truth(
         self, eye: Eye, arrays: Mapping[str, NDArray[Any]], x: Positions, y: Positions
     ) -> dict[str, NDArray[Any]]:
-        """Return those arrays of a view's truth that the movement changes.
+        """Return the arrays of a view's truth that the movement changes.
 
         ``arrays`` is the truth before the movement, at the points that the pixels in columns ``x`` and rows ``y`` show.
         """

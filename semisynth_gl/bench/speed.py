@@ -11,7 +11,7 @@ from typing import Any
 
 from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.engines import THREADS, LocalEngine, cores, keep_freed_memory, threads_each
+from semisynth_gl.dataset.engines import LLVMPIPE_THREADS, LocalEngine, cores, keep_freed_memory, threads_each
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.make import DatasetJob, encode, open_renderer, write_shard
 from semisynth_gl.dataset.plan import make_plan
@@ -57,14 +57,14 @@ def measure(
     """
     listener.on_message(f"timing the stages of {counted(pairs, 'pair')}")
     # In a new process, since llvmpipe reads its number of threads once.
-    with ProcessPoolExecutor(1, get_context("spawn"), os.putenv, (THREADS, "0")) as process:
+    with ProcessPoolExecutor(1, get_context("spawn"), os.putenv, (LLVMPIPE_THREADS, "0")) as process:
         facts, seconds = process.submit(_time_stages, config, seed, backend, pairs).result()
     total = sum(seconds.values())
     rows = []
     for count in sorted(set(workers or usual_workers())):
         listener.on_message(f"timing {counted(count, 'worker')}")
         rate = _pairs_per_second(config, seed, backend, count, max(pairs, _PAIRS_EACH * count))
-        threads = int(os.environ.get(THREADS) or threads_each(count))
+        threads = int(os.environ.get(LLVMPIPE_THREADS) or threads_each(count))
         rows.append({"workers": count, "threads": threads, "pairs_per_second": rate})
     return {
         "config": config.name,

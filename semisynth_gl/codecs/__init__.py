@@ -23,11 +23,11 @@ DISPARITY_CODECS: Mapping[str, Codec[Any]] = {"pfm": PFM, "png16": KITTI_DISPARI
 FLOW_CODECS: Mapping[str, Codec[Any]] = {"flo": Flo(), "pfm": FlowPfm(), "png16": FlowPng16()}
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
 
-# Codec of grey images for each codec of RGB images that has one.
+# From the codec of RGB images to the codec of grey images in the same file format.
 _GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY8, JPEG: GREY_JPEG}
 
-# Codec of all channels but images, disparities and flow, by dtype and components.
-_CODECS: Mapping[tuple[str, int], Codec[Any]] = {
+# Codecs of all channels but images, disparities and flow, by the channel's dtype and number of components.
+_CHANNEL_CODECS: Mapping[tuple[str, int], Codec[Any]] = {
     ("uint8", 1): GREY8,
     ("uint16", 1): GREY16,
     ("float32", 1): PFM,
@@ -59,7 +59,7 @@ class Encodings:
     def in_grey(self, *, three: bool) -> "Encodings":
         """Return encodings for images of monochrome cameras, which are (H, W) uint8.
 
-        If ``three``, or if the format has no grey, image files get three equal channels.
+        If ``three`` is set, or the format has no grey images, files get three equal channels.
         """
         grey = None if three else _GREY_CODECS.get(self.image)
         return replace(self, image=grey or GreyAsRgb(self.image))
@@ -68,4 +68,4 @@ class Encodings:
         """Return the codec of a channel's files."""
         own = {"image": self.image, "raw": self.image, "disparity": self.disparity}
         own |= {"flow": self.flow, "flow_backward": self.flow}
-        return own.get(channel.name) or _CODECS[channel.dtype.name, channel.components]
+        return own.get(channel.name) or _CHANNEL_CODECS[channel.dtype.name, channel.components]

@@ -31,7 +31,7 @@ class CalibContent:
 class MiddleburyCalib(Codec[CalibContent]):
     """Middlebury's calib.txt, with the baseline in millimetres."""
 
-    name = "txt"
+    suffix = ".txt"
     description = "Middlebury's calib.txt"
 
     def encode(self, value: CalibContent) -> bytes:
@@ -70,7 +70,7 @@ class KittiCalib(Codec[Any]):
     It is written for KITTI's loaders, and not read back.
     """
 
-    name = "txt"
+    suffix = ".txt"
     description = "KITTI's calib_cam_to_cam.txt"
 
     def encode(self, value: StereoCamera) -> bytes:

@@ -22,7 +22,7 @@ class Codec(ABC, Generic[Value]):
     """One file format: `encode` makes a file's bytes from a value, and `decode` makes the value from the bytes.
 
     Attributes:
-        name: the codec's name in a config, and the ending of its files unless `suffix` differs.
+        suffix: the ending of the format's files, with the dot.
         description: the format in a few words.
         error_px: largest rounding error of a stored value, px.
         limit_px: largest magnitude of a stored value, px.
@@ -30,17 +30,12 @@ class Codec(ABC, Generic[Value]):
         lossless: whether `decode` returns the encoded value bit for bit.
     """
 
-    name: str
+    suffix: str
     description: str
     error_px: float = 0.0
     limit_px: float = inf
     signed: bool = True
     lossless: bool = True
-
-    @property
-    def suffix(self) -> str:
-        """The ending of the format's files, with the dot."""
-        return f".{self.name}"
 
     @abstractmethod
     def encode(self, value: Value) -> bytes:
@@ -97,7 +92,7 @@ def decode_image(
 
 
 def check_size(data: bytes, header_bytes: int, pixel_bytes: int, width: int, height: int, path: Path) -> None:
-    """Raise ReadError if a side is below 1, or the number of bytes after the header does not fit the sides."""
+    """Raise ReadError if a side is below 1, or the number of bytes after the header does not fit width and height."""
     if width < 1 or height < 1:
         raise ReadError(path, f"expected a width and height of 1 or more, got {width} x {height}")
     expected, present = pixel_bytes * width * height, len(data) - header_bytes

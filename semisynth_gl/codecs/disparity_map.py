@@ -19,7 +19,7 @@ MAP_EXTENSIONS = (".pfm", ".npy", ".png")
 def read_disparity_map(
     path: Path, png_steps: float = KITTI_DISPARITY.steps, *, signed: bool = False
 ) -> NDArray[np.float32]:
-    """Read a disparity map as (H, W) float32 px. The first bytes decide: PFM, NumPy array, or 16-bit grey PNG.
+    """Read a disparity map as (H, W) float32 px. The first bytes tell a NumPy array, a 16-bit grey PNG and a PFM apart.
 
     The value v of a PNG means v / ``png_steps`` px or, if ``signed``, (v - 32768) / 256 px; the value 0 becomes inf.
     The caller has to know which other values mean "no disparity".
@@ -35,9 +35,9 @@ def read_disparity_map(
 
 
 def is_disparity_map(path: Path) -> bool:
-    """Return whether a file with an ending of `MAP_EXTENSIONS` may be a disparity map; a PNG has to be 16-bit grey.
+    """Return whether a file with an ending of `MAP_EXTENSIONS` may be a disparity map: a .png must be 16-bit grey.
 
-    Raises ReadError where a PNG is damaged; a file that is no PNG is no map.
+    Raises ReadError where a PNG is damaged.
     """
     if path.suffix.lower() != ".png":
         return True

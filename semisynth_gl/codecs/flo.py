@@ -18,7 +18,7 @@ _UNKNOWN = np.float32(1e10)
 class Flo(Codec[NDArray[np.float32]]):
     """Flow, (H, W, 2) float32 px: tag, width, height, then u and v of each pixel, little-endian; 1e10 means inf."""
 
-    name = "flo"
+    suffix = ".flo"
     description = "Middlebury's .flo, float32"
 
     def encode(self, value: NDArray[np.float32]) -> bytes:

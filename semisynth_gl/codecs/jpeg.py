@@ -14,7 +14,7 @@ from semisynth_gl.inputs.errors import ReadError
 class Jpeg(Codec[NDArray[np.uint8]]):
     """JPEG of (H, W, 3) uint8 RGB or, if ``grey``, (H, W) uint8: quality 100, colour at full resolution."""
 
-    name = "jpg"
+    suffix = ".jpg"
     lossless = False
 
     def __init__(self, *, grey: bool = False) -> None:

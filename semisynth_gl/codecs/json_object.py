@@ -12,7 +12,7 @@ from semisynth_gl.inputs.errors import ReadError
 class JsonObject(Codec[Mapping[str, Any]]):
     """A mapping in JSON's types, indented, with a line break at the end."""
 
-    name = "json"
+    suffix = ".json"
     description = "JSON"
 
     def encode(self, value: Mapping[str, Any]) -> bytes:

@@ -19,7 +19,7 @@ class Pfm(Codec[NDArray[np.float32]]):
     the sign is used, as by benchmarks.
     """
 
-    name = "pfm"
+    suffix = ".pfm"
     description = "PFM, float32"
 
     def __init__(self, components: int = 1) -> None:
@@ -51,7 +51,7 @@ class Pfm(Codec[NDArray[np.float32]]):
 class FlowPfm(Codec[NDArray[np.float32]]):
     """SceneFlow's flow as PFM of three channels u, v and 0, from (H, W, 2) float32 px; inf means no flow."""
 
-    name = "pfm"
+    suffix = ".pfm"
     description = "PFM of three channels, u, v and 0, float32"
 
     def encode(self, value: NDArray[np.float32]) -> bytes:

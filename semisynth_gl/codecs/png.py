@@ -28,7 +28,7 @@ _COLOURS = {_GREY: "grey", _RGB: "RGB", 3: "palette", 4: "grey with alpha", 6: "
 class Png(Codec[NDArray[Any]]):
     """PNG of uint8 or uint16: (H, W) grey if ``components`` is 1, (H, W, 3) RGB if it is 3."""
 
-    name = "png"
+    suffix = ".png"
 
     def __init__(self, dtype: type[np.uint8 | np.uint16], components: int) -> None:
         self._bits = 8 * np.dtype(dtype).itemsize
@@ -57,7 +57,7 @@ class Png(Codec[NDArray[Any]]):
             kind = f"{bits}-bit {_COLOURS.get(colour, f'colour type {colour}')}"
             raise ReadError(path, f"expected {self._bits}-bit {_COLOURS[self._colour]}, got {kind}")
         if self._bits == 16 and self._colour == _RGB:
-            # Pillow keeps only the high byte of each value, or the low byte in the mode for swapped bytes.
+            # Pillow keeps only one byte of each value: the high byte, or the low byte if told that bytes are swapped.
             high, low = (decode_image(data, path, "PNG", _END, mode)[1] for mode in ("RGB;16B", "RGB;16L"))
             return np.asarray((high.astype(np.uint16) << np.uint16(8)) | low)
         pixels = decode_image(data, path, "PNG", _END)[1]
@@ -70,7 +70,7 @@ class GreyAsRgb(Codec[NDArray[np.uint8]]):
 
     def __init__(self, rgb: Codec[NDArray[np.uint8]]) -> None:
         self.rgb = rgb
-        self.name = rgb.name
+        self.suffix = rgb.suffix
         self.description = f"{rgb.description}, three equal channels"
         self.lossless = rgb.lossless
 

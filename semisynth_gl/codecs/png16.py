@@ -25,7 +25,6 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
 
     def __init__(self, steps: float, middle: int = 0) -> None:
         self.steps = steps
-        self.name = "png16" if steps == _KITTI_STEPS else f"png16-{steps}"
         self.signed = middle > 0
         self.error_px = 1 / (2 * steps)
         self.limit_px = (_LARGEST - middle) / steps
@@ -55,7 +54,6 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
 class FlowPng16(Codec[NDArray[np.float32]]):
     """KITTI's flow, (H, W, 2) float32 px, as 16-bit RGB PNG: 64 u + 2^15, 64 v + 2^15 and 1; three zeros mean inf."""
 
-    name = "png16"
     suffix = ".png"
     description = "16-bit RGB PNG of 64 u + 32768, 64 v + 32768 and 1"
     lossless = False

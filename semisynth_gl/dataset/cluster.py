@@ -13,20 +13,14 @@ from typing import Any
 
 from semisynth_gl.dataset.engines import keep_freed_memory, report_shard
 from semisynth_gl.dataset.make import DatasetJob, ShardMaker
-from semisynth_gl.inputs.errors import (
-    ContextLostError,
-    InputError,
-    SemisynthError,
-    WorkerError,
-    described,
-    how_to_install,
-)
+from semisynth_gl.inputs.errors import ContextLostError, InputError, WorkerError, how_to_install
 from semisynth_gl.listener import Listener
 
 _RETRIES = 3  # of a shard after the loss of its process or node
-_WAITED_FOR = 1000  # maximum number of shards in a call of `ray.wait`
+_WAIT_BATCH = 1000  # maximum number of shards in a call of `ray.wait`
 _CONNECT_S = 5.0  # how long a cluster may take to accept a connection
-# Ray must not report usage to its makers, nor warn that it will hide GPUs differently from tasks that need none.
+# Ray sends no usage reports. It leaves CUDA_VISIBLE_DEVICES unchanged in tasks without GPUs: otherwise it would warn
+# that this will become the default.
 _ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 
 
@@ -34,8 +28,8 @@ class RayEngine:
     """Makes shards on a Ray cluster; this package must be installed on each of its nodes.
 
     The cluster is the one of RAY_ADDRESS, else one that runs on this machine, else a new one on this machine that ends
-    with the run. Each process uses a CPU and ``gpus`` GPUs; with 0.25, four processes share a GPU. Ray shows a process
-    only its GPUs, so each is worker 0.
+    with the run. Each process uses a CPU and ``gpus`` GPUs; with 0.25, four processes share a GPU. A process sees only
+    the GPUs that Ray assigned to it.
     """
 
     def __init__(self, gpus: float = 0) -> None:
@@ -46,19 +40,19 @@ class RayEngine:
 
         Raises:
             InputError: where Ray is missing or the cluster cannot be reached.
-            WorkerError: where four processes died of a shard, or Ray reports any other failure.
+            WorkerError: where a shard's process died four times, or Ray reports a different failure.
         """
         ray = _ray()
         with _connected(ray):
             if self._gpus > max(node["Resources"].get("GPU", 0) for node in ray.nodes() if node["Alive"]):
                 listener.on_message(f"no node of the cluster has {self._gpus:g} GPU: shards wait for such a node")
-            # Without max_calls, Ray ends a process after one task with a GPU.
+            # By default, Ray ends a process after one task with a GPU; max_calls=0 keeps it.
             make = ray.remote(num_cpus=1, num_gpus=self._gpus, max_retries=_RETRIES, max_calls=0)(_make)
             pickled = ray.put(ray.cloudpickle.dumps(job))
             pending = {make.remote(pickled, number): number for number in numbers}
             try:
                 while pending:
-                    (ready,), _ = ray.wait(list(islice(pending, _WAITED_FOR)), num_returns=1)
+                    (ready,), _ = ray.wait(list(islice(pending, _WAIT_BATCH)), num_returns=1)
                     number = pending.pop(ready)
                     report_shard(job, number, _result(ray, ready, number), listener)
             finally:
@@ -68,23 +62,23 @@ class RayEngine:
 
 
 def _result(ray: Any, reference: Any, number: int) -> str:  # noqa: ANN401 - Ray has no types
+    """Return the renderer's name from a task of `_make`, or raise the task's exception."""
     try:
-        made: str | Exception = ray.get(reference)
+        return str(ray.get(reference))
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from error
     except ray.exceptions.RayError as error:
         raise WorkerError(
             f"shard {number} could not be made: {str(error).strip()}. Complete shards stay on disk"
         ) from None
-    if isinstance(made, Exception):
-        raise made
-    return made
 
 
-# The process's only ShardMaker, by the job's bytes and CUDA_VISIBLE_DEVICES: Ray may change the GPUs between tasks.
+# The ShardMaker of the process's latest task, by job and CUDA_VISIBLE_DEVICES: Ray may change the GPUs between tasks.
 _makers: dict[tuple[bytes, str | None], ShardMaker] = {}
 
 
-def _make(job: bytes, number: int) -> str | Exception:
-    """Make a shard in a Ray process; return the renderer's name, or an error: if it were raised, Ray would wrap it."""
+def _make(job: bytes, number: int) -> str:
+    """Make a shard in a Ray process; return the renderer's name."""
     from ray import cloudpickle  # noqa: PLC0415 - an extra
 
     key = job, os.environ.get("CUDA_VISIBLE_DEVICES")
@@ -97,10 +91,6 @@ def _make(job: bytes, number: int) -> str | Exception:
         return _makers[key].make_shard(number, Listener())
     except ContextLostError:
         os._exit(1)  # Ray makes the shard again in a new process
-    except (SemisynthError, OSError) as error:
-        return error
-    except Exception as error:  # noqa: BLE001 - the driver raises it
-        return WorkerError(described(error))
 
 
 def _ray() -> Any:  # noqa: ANN401 - a module

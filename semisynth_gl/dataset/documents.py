@@ -1,12 +1,13 @@
 """The JSON files about a dataset: plan, records of shards, and index.
 
-All values are checked here, before they are used to open a path or allocate memory. Unknown keys are ignored: another
-version may have written them. Documents of a newer format are refused.
+`parse` checks all values before they are used to open a path or allocate memory. It ignores unknown keys, which another
+version of the program may have written, and refuses documents of a newer format.
 """
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from importlib.metadata import version
+from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -28,19 +29,19 @@ PROGRAM = "semisynth-gl"
 FORMAT = 1
 """Value of the key ``format`` in index, plan and records: the newest format that this program reads.
 
-A change that older programs would misread increases it. A new key does not: older programs ignore it.
+Increase it for a change that older versions would misread. A new key needs no increase: older versions ignore it.
 """
 INDEX = "index.json"
-"""The dataset's index, written last: it says that the dataset is complete."""
+"""The dataset's index, written last: a dataset with an index is complete."""
 CARD = "README.md"
-RECORDS = "shards"
-"""Folder of the shards' records and tars."""
-PLAN = f"{RECORDS}/plan.json"
-"""The dataset's plan, written first: a dataset with a plan and no index is unfinished."""
-LOCK = f"{RECORDS}/lock"
-"""File that runs on the dataset lock; the run that finishes the dataset removes it."""
+SHARDS_FOLDER = "shards"
+"""Folder of the plan, and of each shard's record, log and tar."""
+PLAN = f"{SHARDS_FOLDER}/plan.json"
+"""The dataset's plan, written first."""
+LOCK = f"{SHARDS_FOLDER}/lock"
+"""The file that a run locks; the run that finishes the dataset removes it."""
 MOST_PAIRS = 10**8
-"""Maximum number of pairs of a split: more than any dataset has, and few enough for lists and sums."""
+"""Maximum number of pairs of a split."""
 
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
@@ -53,7 +54,7 @@ _Value = TypeVar("_Value")
 
 
 class DatasetDocument(BaseModel):
-    """An object in a file about a dataset; values are not coerced."""
+    """A JSON object about a dataset; values are not coerced."""
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False, serialize_by_alias=True)
 
@@ -66,9 +67,8 @@ class DatasetDocument(BaseModel):
 class Shard:
     """A fixed range of a split's pairs, from ``first`` to ``end`` - 1.
 
-    ``number`` is the shard's number in the whole dataset, from 0. ``name`` is the name of the shard's own files without
-    their endings: the record, which says that the shard is complete, a log of the elapsed time and, in layouts that
-    pack their files, a tar.
+    ``number`` is the shard's number in the whole dataset, from 0. ``name`` is the stem of the names of its record, log
+    and tar.
     """
 
     number: int
@@ -79,22 +79,22 @@ class Shard:
 
     @property
     def record(self) -> str:
-        """The path of the record."""
-        return f"{RECORDS}/{self.name}.json"
+        """The path of the record, which is written last: a shard with a record is complete."""
+        return f"{SHARDS_FOLDER}/{self.name}.json"
 
     @property
     def log(self) -> str:
-        """The path of the log."""
-        return f"{RECORDS}/{self.name}.log"
+        """The path of the log, which holds the elapsed time."""
+        return f"{SHARDS_FOLDER}/{self.name}.log"
 
     @property
     def tar(self) -> str:
-        """The path of the tar."""
-        return f"{RECORDS}/{self.name}.tar"
+        """The path of the tar with the files of all pairs, in layouts that are packed."""
+        return f"{SHARDS_FOLDER}/{self.name}.tar"
 
 
 class DatasetPlan(DatasetDocument):
-    """The plan of a dataset: its pairs, their shards and their names. Everything but the pixels follows from it.
+    """The plan of a dataset: config, seed, layout and numbers of pairs. Shards and names of files follow from it.
 
     Attributes:
         version: the version of the program that began the dataset.
@@ -142,7 +142,7 @@ class DatasetPlan(DatasetDocument):
         return tuple(name for name in SPLITS if self.pairs.get(name))
 
     def split(self, name: SplitName) -> Split:
-        """Return a split with its shares of photographs and models."""
+        """Return a split, by which photographs and models are chosen."""
         return self.config.splits.split(name, self.splits, self.seed)
 
     @cached_property
@@ -173,19 +173,20 @@ class DatasetPlan(DatasetDocument):
 
     @property
     def lists(self) -> dict[str, bytes]:
-        """The layout's lists about the pairs of each split: bytes by path below the dataset's folder."""
-        return self._of_splits(lambda keys: self.layout.lists_of(keys, self.encodings))
+        """The layout's lists of the pairs of each split: bytes by path below the dataset's folder."""
+        return self._in_folders(lambda keys: self.layout.lists_of(keys, self.encodings))
 
     @property
     def links(self) -> dict[str, str]:
         """The layout's links: target, from the link's folder, by path below the dataset's folder."""
-        return self._of_splits(self.layout.links_of)
+        return self._in_folders(self.layout.links_of)
 
-    def _of_splits(self, of_keys: Callable[[list[PairKey]], Mapping[str, _Value]]) -> dict[str, _Value]:
+    def _in_folders(self, of_pairs: Callable[[list[PairKey]], Mapping[str, _Value]]) -> dict[str, _Value]:
+        """Call a function with the keys of each split's pairs; move the paths in its results to the split's folder."""
         return {
             f"{self.folder(split)}{path}": value
             for split in self.splits
-            for path, value in of_keys([self.key(split, index) for index in range(self.pairs[split])]).items()
+            for path, value in of_pairs([self.key(split, index) for index in range(self.pairs[split])]).items()
         }
 
     @property
@@ -194,9 +195,9 @@ class DatasetPlan(DatasetDocument):
         return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders]
 
     @property
-    def tops(self) -> set[str]:
+    def top_names(self) -> set[str]:
         """The names of the files and folders directly in the dataset's folder."""
-        names = {INDEX, CARD, RECORDS, *self.lists, *self.links, *self.folders}
+        names = {INDEX, CARD, SHARDS_FOLDER, *self.lists, *self.links, *self.folders}
         for split in self.splits if not self.layout.packed else ():
             for index in range(self.pairs[split]):
                 names.update(self.files(split, index).values())
@@ -216,13 +217,17 @@ class _Patch(DatasetDocument):
 
 
 class SplitSources(DatasetDocument):
-    """The part of a split's sources in the index that readers use: its patches."""
+    """The patches of a split in the index. Readers ignore the split's other sources: photographs and models."""
 
     patches: list[_Patch] = []
 
 
 class ShardEntry(DatasetDocument):
-    """What the index says about a shard; ``sha256`` is the digest of its tar, or of the lines of `sha256sum`."""
+    """What the index says about a shard.
+
+    ``sha256`` is the digest of the tar. Without a tar, it is the digest of the lines that `sha256sum` prints for the
+    files of the pairs.
+    """
 
     shard: str
     split: SplitName
@@ -248,9 +253,9 @@ class DatasetIndex(DatasetPlan):
     @model_validator(mode="after")
     def _lists_its_shards(self) -> Self:
         # Compare the counts first: with a wrong number of pairs, the list of shards might fill memory.
-        number = sum(-(-pairs // self.shard_pairs) for pairs in self.pairs.values())
+        count = sum(ceil(pairs / self.shard_pairs) for pairs in self.pairs.values())
         entries = self.shard_entries
-        if number != len(entries) or not all(map(ShardEntry.describes, entries, self.shards)):
+        if count != len(entries) or not all(map(ShardEntry.describes, entries, self.shards)):
             raise ValueError("shards: expected the shards that follow from pairs and shard_pairs")
         return self
 
@@ -259,7 +264,7 @@ class DatasetIndex(DatasetPlan):
 class StoredFile:
     """A file of a pair: its size, and its digest or its offset in a tar.
 
-    It is a dataclass, since models of millions of files would take too much memory.
+    A dataclass takes less memory than pydantic's BaseModel: a dataset may have millions of files.
     """
 
     bytes: _Bytes
@@ -268,14 +273,14 @@ class StoredFile:
 
 
 class PairRecord(DatasetDocument):
-    """What the record of a shard says about a pair, as far as readers use it."""
+    """What the record of a shard says about a pair. Readers ignore further keys."""
 
     pair: _Number
     files: Annotated[dict[str, StoredFile], Field(min_length=1)]
 
 
 class ShardRecord(ShardEntry):
-    """The record of a shard; if there is one, the shard is complete."""
+    """The record of a complete shard."""
 
     format: _Format = 1
     renderers: list[str]
@@ -298,19 +303,19 @@ def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
         ReadError: where the bytes are no JSON, or keys are wrong or missing.
     """
     values = JSON_OBJECT.decode(data, path)
-    number = values.get("format")
-    if issubclass(model, DatasetPlan) and isinstance(number, int) and number > FORMAT:
+    found = values.get("format")
+    if issubclass(model, DatasetPlan) and isinstance(found, int) and found > FORMAT:
         raise InputError(
-            f"{path}: format: expected at most {FORMAT}, which {PROGRAM} {version(PROGRAM)} reads, got {number}: "
+            f"{path}: format: expected at most {FORMAT}, which {PROGRAM} {version(PROGRAM)} reads, got {found}: "
             f"{PROGRAM} {shown(values.get('version'))} wrote the dataset; install that version or a newer one"
         )
     try:
         document = model.model_validate(values, extra="ignore")
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in fault["loc"] if part != "[key]")
-        came = f", got {shown(fault['input'])}" if key and fault["type"] != "missing" else ""
-        raise ReadError(path, f"{key}: {reason_of(fault)}{came}".removeprefix(": ")) from None
+        key = ".".join(str(part) for part in fault["loc"] if part != "[key]")  # pydantic's mark of a mapping's key
+        got = f", got {shown(fault['input'])}" if key and fault["type"] != "missing" else ""
+        raise ReadError(path, f"{key}: {reason_of(fault)}{got}".removeprefix(": ")) from None
     if isinstance(document, DatasetPlan) and document.layout_name not in layout_names():
         require_plugins(path, "layouts", document.plugins.get("layouts", {}))
         raise ReadError(path, f"layout: expected one of {', '.join(layout_names())}")

@@ -16,8 +16,8 @@ from semisynth_gl.dataset.make import DatasetJob, ShardMaker
 from semisynth_gl.inputs.errors import ContextLostError, WorkerError, counted
 from semisynth_gl.listener import Listener
 
-THREADS = "LP_NUM_THREADS"
-"""Environment variable with llvmpipe's number of threads; see `threads_each`."""
+LLVMPIPE_THREADS = "LP_NUM_THREADS"
+"""Name of the environment variable that sets llvmpipe's number of threads; see `threads_each`."""
 
 _POOLS = 3  # maximum per run; a pool that lost a worker is replaced
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
@@ -55,40 +55,40 @@ class LocalEngine:
 
     def run(self, job: DatasetJob, numbers: Sequence[int], listener: Listener) -> None:
         """Make shards; see `Engine.run`."""
-        left = dict.fromkeys(numbers)
+        remaining = [*numbers]
         for attempt in range(1, _POOLS + 1):
             try:
-                _run_pool(job, left, min(self._workers, len(left)), listener)
+                _run_pool(job, remaining, min(self._workers, len(remaining)), listener)
             except (BrokenProcessPool, ContextLostError) as error:
                 why = str(error) if isinstance(error, ContextLostError) else "a worker process died"
                 if attempt == _POOLS:
                     advice = "Complete shards stay on disk; where memory runs short, use fewer workers"
                     raise WorkerError(f"{why}, {_POOLS} times. {advice}") from None
-                listener.on_message(f"{why}: the workers are restarted for {counted(len(left), 'shard')}")
+                listener.on_message(f"{why}: the workers are restarted for {counted(len(remaining), 'shard')}")
             else:
                 return
 
 
-def _run_pool(job: DatasetJob, left: dict[int, None], workers: int, listener: Listener) -> None:
-    """Make shards in a pool of processes that ends with the function; remove complete shards from ``left``."""
+def _run_pool(job: DatasetJob, remaining: list[int], workers: int, listener: Listener) -> None:
+    """Make shards in a pool of processes that ends with the function; remove complete shards from ``remaining``."""
     # A forked process would inherit an OpenGL context that it cannot use.
-    context, others = get_context("spawn"), {*active_children()}
+    context, earlier = get_context("spawn"), {*active_children()}
     executor = ProcessPoolExecutor(workers, context, _start, (job, context.Value("i", 0), threads_each(workers)))
     try:
         with _interrupts_blocked():  # the first calls start the processes
-            numbers = {executor.submit(_make, number): number for number in left}
+            numbers = {executor.submit(_make, number): number for number in remaining}
         for future in as_completed(numbers):
             report_shard(job, numbers[future], future.result(), listener)
-            del left[numbers[future]]
+            remaining.remove(numbers[future])
     finally:
-        executor.shutdown(wait=not left, cancel_futures=True)
-        for process in {*active_children()} - others if left else ():
+        executor.shutdown(wait=not remaining, cancel_futures=True)
+        for process in {*active_children()} - earlier if remaining else ():
             process.kill()
             process.join()
 
 
 def report_shard(job: DatasetJob, number: int, renderer: str, listener: Listener) -> None:
-    """Report a shard to a listener in this process; a worker has made it with ``renderer``."""
+    """Report a shard that a worker process made; ``renderer`` is the renderer's name there."""
     listener.on_renderer(renderer)
     shard = job.plan.shards[number]
     for _ in range(shard.first, shard.end):
@@ -97,8 +97,8 @@ def report_shard(job: DatasetJob, number: int, renderer: str, listener: Listener
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Block both signals until the end of the block; processes that start in it inherit this."""
-    # Otherwise the resource tracker would start with the first process, and unblock them.
+    """Block SIGINT and SIGTERM inside the with statement; processes that start there inherit the blocked signals."""
+    # The resource tracker unblocks the signals when it starts: start it before they are blocked.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
     try:
@@ -107,20 +107,20 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-# Of a worker process.
+# Set in worker processes only.
 _maker: ShardMaker
 
 
 def _start(job: DatasetJob, started: "Synchronized[int]", threads: int) -> None:
-    """Set up a worker process; ``started`` counts them."""
+    """Set up a worker process; ``started`` is the number of workers so far."""
     global _maker  # noqa: PLW0603 - one for the process
-    # A terminal sends Ctrl-C to all processes: the main process ends the workers.
+    # A terminal sends Ctrl-C to all processes. Workers ignore it: the main process ends them.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _INTERRUPTS)
     with started.get_lock():
         number, started.value = started.value, started.value + 1
     Thread(target=_end_with_parent, daemon=True).start()
-    os.environ.setdefault(THREADS, str(threads))
+    os.environ.setdefault(LLVMPIPE_THREADS, str(threads))
     keep_freed_memory()
     _maker = ShardMaker(job, number)
 
@@ -153,6 +153,9 @@ def cores() -> int:
 
 
 def threads_each(workers: int) -> int:
-    """Return llvmpipe's threads in each worker, which share the usable cores; 0 means the calling thread."""
+    """Return the number of llvmpipe's threads in each of ``workers`` processes, by usable cores.
+
+    0 means that llvmpipe renders in the calling thread.
+    """
     share = cores() // max(workers, 1)
     return 0 if share < 2 else share

@@ -1,4 +1,4 @@
-"""Making a dataset: an engine makes the missing shards, and once all are there, the index is written."""
+"""Making a dataset: an engine makes the missing shards; when none is missing, the index is written."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -8,9 +8,9 @@ from pathlib import Path
 from upath import UPath
 
 from semisynth_gl.config import Config
+from semisynth_gl.dataset import folder
 from semisynth_gl.dataset.documents import INDEX, DatasetPlan, Shard
 from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
-from semisynth_gl.dataset.folder import begin, check_resumable, finish, locked, missing, read_plan
 from semisynth_gl.dataset.make import DatasetJob
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import is_local, open_root
@@ -27,7 +27,7 @@ from semisynth_gl.textures.image_files import reaching_source
 
 @dataclass(frozen=True, slots=True)
 class GenerationResult:
-    """A dataset after a run: its root, the plan of the complete dataset, and the number of missing shards."""
+    """A dataset after a run: its folder or address, the plan of all its pairs, and the number of missing shards."""
 
     root: UPath
     plan: DatasetPlan
@@ -65,28 +65,29 @@ def generate(
         shard_pairs: pairs in a shard; by default as in the dataset in ``out``, else 64 or fewer, see `make_plan`.
         shards: numbers of the shards to make; by default all. Runs on several machines may make different shards of a
             dataset. The run that makes the last one writes the index.
-        overwrite: replace an earlier dataset of this program, with all files in the folders of its layout; an
-            unfinished dataset of the same plan is resumed.
+        overwrite: replace an earlier dataset of this program, with all files in the folders of its layout; but resume
+            an unfinished dataset with the same arguments.
         listener: receives messages, the number of pairs to make and each pair.
 
     Raises:
         SemisynthError: where the input cannot be used, ``out`` holds something else, or workers keep dying.
         OSError: where the disk is full or cannot be written to. Complete shards stay.
     """
-    named: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}
+    counts: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}
     gpus = tuple(to_whole("the number of a GPU", number, least=0) for number in gpus)
     listener, engine, root = listener or Listener(), engine or SerialEngine(), open_root(out)
-    there = read_plan(root)
-    if there is not None and not overwrite:
-        layout = layout or there.layout_name
-        shard_pairs = there.shard_pairs if shard_pairs is None else shard_pairs
-    plan = make_plan(config, seed, layout, named, shard_pairs)
-    chosen = _chosen(plan.shards, shards)
+    stored = folder.read_plan(root)
+    resumed = None if overwrite or folder.holds_only_plan(root) else stored
+    if resumed is not None:
+        layout = layout or resumed.layout_name
+        shard_pairs = resumed.shard_pairs if shard_pairs is None else shard_pairs
+    plan = make_plan(config, seed, layout, counts, shard_pairs)
+    numbers = _shard_numbers(plan.shards, shards)
     check_outside_sources(root, plan.config)
-    if there is not None and not overwrite:
-        check_resumable(root, there, plan)
-        if there.pairs == plan.pairs and (root / INDEX).exists() and not missing(root, there):
-            return GenerationResult(root, there, 0)
+    if resumed is not None:
+        folder.check_resumable(root, resumed, plan)
+        if resumed.pairs == plan.pairs and (root / INDEX).exists() and not folder.missing(root, resumed):
+            return GenerationResult(root, resumed, 0)
     if isinstance(engine, SerialEngine | LocalEngine):
         check_libraries(backend)
     sources = {split: prepare_sources(plan.config, plan.split(split)) for split in plan.splits}
@@ -94,19 +95,20 @@ def generate(
     plan = plan.model_copy(update={"sources": digests})
     job = DatasetJob(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
-    replacing = overwrite and there is not None and (there != plan or (root / INDEX).exists())
-    with locked(root, shared=shards is not None and not replacing):
-        begin(root, plan, overwrite=overwrite)
-        wanted = [shard for shard in missing(root, plan) if shard.number in chosen]
+    replaces = resumed is None and stored is not None and (stored != plan or (root / INDEX).exists())
+    with folder.locked(root, shared=shards is not None and not replaces) as alone:
+        # Only a run that is alone may replace a plan: the runs of other machines may have begun to make its shards.
+        folder.begin(root, plan, overwrite=overwrite or (alone and folder.holds_only_plan(root)))
+        wanted = [shard for shard in folder.missing(root, plan) if shard.number in numbers]
         listener.on_total(sum(shard.end - shard.first for shard in wanted))
         if wanted:
             engine.run(job, [shard.number for shard in wanted], listener)
-        left = missing(root, plan)
-        redraws = 0 if left else finish(root, plan, sources)["redraws"]
+        still_missing = folder.missing(root, plan)
+        redraws = 0 if still_missing else folder.finish(root, plan, sources)["redraws"]
     if redraws:
         attempts = counted(redraws, "attempt")
-        listener.on_message(f"rendered anew after {attempts} that failed the checks; the pairs' JSON files say why")
-    return GenerationResult(root, plan, len(left))
+        listener.on_message(f"{attempts} failed the checks and were rendered anew; the pairs' JSON files say why")
+    return GenerationResult(root, plan, len(still_missing))
 
 
 def check_outside_sources(root: UPath, config: Config) -> None:
@@ -141,7 +143,8 @@ def _describe(plan: DatasetPlan, sources: Mapping[SplitName, SceneSources], list
     MixSampler(plan.config, seed, sources[first].libraries, patches).expected()
 
 
-def _chosen(shards: Sequence[Shard], numbers: range | None) -> range:
+def _shard_numbers(shards: Sequence[Shard], numbers: range | None) -> range:
+    """Return ``numbers``, by default those of all shards; raises InputError if the dataset lacks one of them."""
     if numbers is None:
         return range(len(shards))
     if not numbers or numbers.start < 0 or numbers.stop > len(shards):

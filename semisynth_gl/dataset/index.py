@@ -1,4 +1,4 @@
-"""The index of a dataset, and its card: a README.md with front matter for hubs, from assets/card.md.jinja."""
+"""The index of a dataset, and its card for Hugging Face's hub: a README.md with front matter, from card.md.jinja."""
 
 import hashlib
 import re
@@ -19,11 +19,12 @@ from semisynth_gl.textures.sources import describe_source
 
 # Licence of the models and pictures that this program makes.
 _OWN_LICENCE = "MIT"
-# Licences that Hugging Face's hub knows; the card calls all others "other" and adds their name.
+# Licences that the hub knows. In the card, any different licence is "other", with its name in a second key.
 _LICENCES = re.compile(
     r"unknown|other|mit|apache-2\.0|bsd-[23]-clause|[al]?gpl-3\.0|cc0-1\.0|cc-by(-nc)?(-nd|-sa)?-4\.0|cc-by(-sa)?-3\.0"
     r"|odbl|odc-by|pddl"
 )
+# The hub's names of powers of ten from a thousand on.
 _SIZES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B")
 
 
@@ -33,7 +34,7 @@ def index_values(
     """Return the content of an index, from the sources of each split and the records of all shards in order."""
     renderers: set[str] = set()
     shards = []
-    for record in records:  # one at a time: all together might fill memory
+    for record in records:  # one at a time: all pairs_in_sequence might fill memory
         renderers.update(record.renderers)
         shards.append(record.entry)
     return plan.values() | {
@@ -69,7 +70,7 @@ def _describe_split(plan: DatasetPlan, split: SplitName, sources: SceneSources) 
             {
                 "name": mesh.name,
                 "sha256": _sha256(mesh.positions, mesh.uv, mesh.triangles),
-                # No user's or plug-in's model has such a name: it has a file's ending or a slash.
+                # Only built-in models have these names: names of user models and plug-ins have a dot or a slash.
                 "licence": _OWN_LICENCE if mesh.name in own_kinds else config.licences.models,
             }
             for mesh in sources.models
@@ -89,14 +90,14 @@ def encode_card(plan: DatasetPlan, index: Mapping[str, Any]) -> bytes:
     """Encode a dataset's README.md from its plan and what `index_values` returned."""
     licence = plan.config.licences.dataset.lower()
     known = _LICENCES.fullmatch(licence)
-    power = max(0, len(str(sum(plan.pairs.values()))) - 3)
+    digits = len(str(sum(plan.pairs.values())))
     template = template_environment().get_template("card.md.jinja")
     card = template.render(
         plan=plan,
         index=index,
         licence=licence if known else "other",
         licence_name="" if known else re.sub(r"[^a-z0-9.]+", "-", licence).strip("-."),
-        size_category=f"{_SIZES[power - 1]}<n<{_SIZES[power]}" if power else "n<1K",
+        size_category=f"{_SIZES[digits - 4]}<n<{_SIZES[digits - 3]}" if digits > 3 else "n<1K",
         has_flow=not FLOW_OUTPUTS.isdisjoint(plan.config.outputs),
         configs=_configs(plan),
     )
@@ -104,7 +105,7 @@ def encode_card(plan: DatasetPlan, index: Mapping[str, Any]) -> bytes:
 
 
 def _configs(plan: DatasetPlan) -> list[dict[str, Any]]:
-    """Return the hub's configs: one for tars, else one for each role of images. Without them, a hub loads all files."""
+    """Return the card's configs, which tell the hub what to load: all tars, or one config for each role of images."""
     if plan.layout.packed:
         tars = {shard.split: f"{shard.tar.rpartition('-')[0]}-*.tar" for shard in plan.shards}
         files = [{"split": split, "path": tars[split]} for split in plan.splits]
@@ -125,15 +126,15 @@ def _configs(plan: DatasetPlan) -> list[dict[str, Any]]:
 
 def file_patterns(plan: DatasetPlan, split: SplitName) -> dict[str, str]:
     """Return a glob by role for the files of all pairs of a split, below the dataset's folder or inside a tar."""
-    # The pairs differ in view, frame and sequence, so their names differ wherever names can.
-    together = plan.config.sequence_pairs
-    numbers = (0, 1, 3, plan.views, together, 3 * together, 3000 * together)
+    # Compare pairs that differ in view, frame, sequence and SceneFlow's folder (a new one each 3000 sequences).
+    pairs_in_sequence = plan.config.sequence_pairs
+    numbers = (0, 1, 3, plan.views, pairs_in_sequence, 3 * pairs_in_sequence, 3000 * pairs_in_sequence)
     pairs = [plan.files(split, number) for number in numbers]
     return {role: _pattern([files[role] for files in pairs]) for role in pairs[0]}
 
 
 def _pattern(paths: list[str]) -> str:
-    """Return one glob for the paths, with a star for names that differ; the star covers whole numbers."""
+    """Return one glob for the paths, with a star where names differ; digits beside the star belong to it."""
     parts = []
     for names in zip(*(path.split("/") for path in paths), strict=True):
         begin, end = commonprefix(names), commonprefix([name[::-1] for name in names])[::-1]  # noqa: RUF071 - names

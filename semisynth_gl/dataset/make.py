@@ -14,10 +14,10 @@ from typing import IO, Any
 
 from upath import UPath
 
-from semisynth_gl.dataset.documents import FORMAT, RECORDS, DatasetPlan, Shard
+from semisynth_gl.dataset.documents import FORMAT, DatasetPlan, Shard
+from semisynth_gl.dataset.pair_files import EncodedPair, encode_pair
 from semisynth_gl.dataset.plan import differences, used_plugins
-from semisynth_gl.dataset.root import is_local, open_root, replace, write
-from semisynth_gl.dataset.sample import EncodedPair, encode_pair
+from semisynth_gl.dataset.root import open_root, replace, write
 from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.listener import Listener
@@ -42,7 +42,7 @@ class DatasetJob:
 
 
 class ShardMaker:
-    """Makes shards in this process, which is worker number ``worker``; keeps the latest split's renderer open."""
+    """Makes shards in this process, which is worker ``worker``, with one renderer for successive shards of a split."""
 
     def __init__(self, job: DatasetJob, worker: int = 0) -> None:
         self._job = job
@@ -88,7 +88,7 @@ def _check_same(what: str, there: Mapping[str, Any], here: Mapping[str, Any]) ->
     """Raise InputError if this process finds other plug-ins or files than the process that began the dataset."""
     if changed := differences(there, here):
         raise InputError(
-            f"this process finds other {what} than the one that began the dataset: {abbreviate(changed)}. Give all "
+            f"this process finds other {what} than the run that began the dataset: {abbreviate(changed)}. Give all "
             "machines the same files and the same versions of packages"
         )
 
@@ -99,7 +99,7 @@ def open_renderer(job: DatasetJob, split: SplitName, worker: int = 0) -> PairRen
 
 
 def encode(plan: DatasetPlan, shard: Shard, pair: Pair) -> EncodedPair:
-    """Return a pair as files."""
+    """Encode a pair of a shard."""
     ndisp = max(1, ceil(plan.config.disparity.max_px))
     key = plan.key(shard.split, pair.index)
     return encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings)
@@ -117,22 +117,22 @@ def encoded_in_order(
         yield from map(encode, rendered)
         return
     with ThreadPoolExecutor(1) as pool:
-        before: Future[EncodedPair] | None = None
+        previous: Future[EncodedPair] | None = None
         for pair in rendered:
-            now = pool.submit(encode, pair)
-            if before is not None:
-                yield before.result()
-            before = now
-        if before is not None:
-            yield before.result()
+            current = pool.submit(encode, pair)
+            if previous is not None:
+                yield previous.result()
+            previous = current
+        if previous is not None:
+            yield previous.result()
 
 
 def write_shard(
     root: UPath, plan: DatasetPlan, shard: Shard, pairs: Iterable[EncodedPair], listener: Listener | None = None
 ) -> None:
-    """Write the files of a shard's pairs, which are in order, then its record.
+    """Write the files of all pairs of a shard, which come in order; then its log, and at last its record.
 
-    The listener receives each pair once its files are written. Raises OSError if the disk is full or read-only.
+    The listener is told of each pair whose files are written. Raises OSError if the disk is full or read-only.
     """
     start, listener = time.perf_counter(), listener or Listener()
     packed, digest, size = plan.layout.packed, hashlib.sha256(), 0
@@ -140,8 +140,6 @@ def write_shard(
     renderers: set[str] = set()
     with ExitStack() as resources:
         if packed:
-            if is_local(root):
-                (root / RECORDS).mkdir(parents=True, exist_ok=True)
             tar: IO[bytes] = resources.enter_context((root / shard.tar).open("wb"))
         for number, pair in enumerate(pairs, shard.first):
             files: dict[str, dict[str, Any]] = {}
@@ -158,12 +156,12 @@ def write_shard(
                     write(root, name, data)
                     digest.update(f"{sha256}  {name}\n".encode())  # as `sha256sum` writes it
                     size += len(data)
-            # All pairs of a sequence have the same list: count it once.
+            # All pairs of a sequence have the same list: only the first pair's counts.
             redrawn = [] if number % plan.config.sequence_pairs else pair.provenance.get("redrawn", [])
             # The number of disparities that the encoding cannot store, in the view with more of them.
             beyond = max(pair.provenance.get(ViewArrays.disparity.beyond_key, {}).values(), default=0)
-            facts = {"pair": number, "redrawn": redrawn, "share_beyond": beyond / prod(plan.size)}
-            samples.append(facts | {"files": files})
+            share = beyond / prod(plan.size)
+            samples.append({"pair": number, "redrawn": redrawn, "share_beyond": share, "files": files})
             renderers.add(pair.provenance["renderer"])
             listener.on_pair()
         if packed:  # two empty blocks, and padding to whole tar records

@@ -14,10 +14,10 @@ from semisynth_gl.layouts.layout import sequence_length
 from semisynth_gl.plugins import PluginPackage, plugin_packages
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
-# Shards are small, since a killed run makes its shard again. Small datasets have a few shards for several workers.
+# Shards are small, since a run that is killed loses its unfinished shards.
 _MOST_SHARD_PAIRS = 64
-_SHARD_PIXELS = 86_000_000  # of one eye; files of about 1 GB
-_FEWEST_SHARDS = 8
+_SHARD_PIXELS = 86_000_000  # of the left images: the shard's files have about 1 GB
+_FEWEST_SHARDS = 8  # if there are as many pairs, for several workers
 # From this number of pairs on, single files are slower than tars on most file systems.
 _MANY_PAIRS = 10_000
 _ABSENT = object()
@@ -46,7 +46,7 @@ def make_plan(
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
     layout_name = layout_name or config.layout or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
     layout = find_layout(layout_name)
-    for reason in _conflicts(config, layout):
+    if (reason := next(_conflicts(config, layout), None)) is not None:
         raise InputError(f"the layout {layout_name} {reason}; or choose another layout, such as middlebury")
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
@@ -76,7 +76,7 @@ def _conflicts(config: Config, layout: Layout) -> Iterator[str]:
     if layout.encodings is not None and config.files != type(config.files)():
         yield "sets the encodings itself: leave the section files out of the config"
     if length is not None and layout.most_frames is not None and length > layout.most_frames:
-        yield f"has names for {layout.most_frames} frames of a sequence with flow: set sequence.length to that"
+        yield f"has names for {layout.most_frames} frames of a sequence with flow: lower sequence.length to that number"
     for output in config.outputs:
         if output in layout.lacks:
             yield f"has no files for the output {output}: leave it out of outputs"
@@ -96,14 +96,13 @@ def _shard_pairs(config: Config, pairs: int) -> int:
     pixels = config.camera.width_px * config.camera.height_px
     if config.lens is not None and "raw" in config.outputs:
         pixels += config.lens.raw_width_px * config.lens.raw_height_px
-    number = max(1, min(_MOST_SHARD_PAIRS, _SHARD_PIXELS // pixels, ceil(pairs / _FEWEST_SHARDS)))
-    # A sequence in two shards would be set up twice.
-    together = config.sequence_pairs
-    return ceil(number / together) * together
+    fitting = max(1, min(_MOST_SHARD_PAIRS, _SHARD_PIXELS // pixels, ceil(pairs / _FEWEST_SHARDS)))
+    # Shards have whole sequences: the scene of a sequence in two shards would be made twice.
+    return ceil(fitting / config.sequence_pairs) * config.sequence_pairs
 
 
 def differences(before: Mapping[Any, Any], now: Mapping[Any, Any], prefix: str = "") -> list[str]:
-    """Return a text for each dotted key at which two mappings in JSON's types differ, with both values."""
+    """Describe the differences of two mappings in JSON's types: a text for each dotted key, with both values."""
     texts: list[str] = []
     for key in dict.fromkeys((*before, *now)):
         old, new = before.get(key, _ABSENT), now.get(key, _ABSENT)

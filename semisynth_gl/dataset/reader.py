@@ -8,31 +8,31 @@ from typing import cast
 from upath import UPath
 
 from semisynth_gl.dataset.documents import INDEX, PLAN, DatasetIndex, DatasetPlan, Shard, ShardRecord, parse
+from semisynth_gl.dataset.pair_files import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.dataset.root import open_root, read_if_there, read_part, read_whole, shown_path
-from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, ReadError, counted, shown
 from semisynth_gl.seeds.splits import SplitName
 
-# Maximum number of records of tars in memory; those of a million pairs would fill it.
-_RECORDS_KEPT = 1000
+# Maximum number of records in memory, which the records of a million pairs would fill.
+_MOST_RECORDS = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class StoredIndex:
-    """The index of a dataset, or the plan of an unfinished one, and the dataset's folder or address."""
+    """A dataset's folder or address, and the content of its index or, if it is unfinished, of its plan."""
 
     address: str
     plan: DatasetPlan
 
     @property
     def root(self) -> UPath:
-        """The dataset's root, made anew at each use: a forked process must not use its parent's connections."""
+        """The dataset's root, opened at each use: a forked process must not use its parent's connections."""
         return open_root(self.address)
 
     @property
     def finished_index(self) -> DatasetIndex | None:
-        """The content of index.json; None for an unfinished dataset."""
+        """The plan as index; None for an unfinished dataset."""
         return self.plan if isinstance(self.plan, DatasetIndex) else None
 
     @property
@@ -58,8 +58,10 @@ def read_index(address: str | PathLike[str]) -> StoredIndex:
             except ReadError as error:
                 remedy = "; remove it and run generate again" if name == INDEX and (root / PLAN).exists() else ""
                 raise ReadError(error.path, error.reason + remedy) from None
-    above = [f": give its dataset's folder, {each}" for each in root.absolute().parents if (each / PLAN).exists()]
-    fault = f"it has neither {INDEX} nor {PLAN}{''.join(above[:1])}" if root.exists() else "there is no such folder"
+    advice = next(
+        (f": give the dataset's folder, {each}" for each in root.absolute().parents if (each / PLAN).exists()), ""
+    )
+    fault = f"it has neither {INDEX} nor {PLAN}{advice}" if root.exists() else "there is no such folder"
     raise InputError(f"{address}: not a dataset: {fault}")
 
 
@@ -67,7 +69,7 @@ class Dataset:
     """A finished dataset, or one of its splits: ``dataset[i]`` is a pair with its truth.
 
     Without a split, these are all pairs, in the order train, validation, test. No file stays open between reads, so
-    threads and processes, forked or spawned, may share a dataset. ``about`` is the index of the dataset.
+    threads and processes, forked or spawned, may share a dataset.
 
     Raises InputError where the dataset is not finished, or lacks the split.
     """
@@ -78,7 +80,8 @@ class Dataset:
             raise InputError(f"{index.address}: {index.fault}")
         if split is not None and split not in plan.pairs:
             raise InputError(f"{index.address}: expected a split of {', '.join(plan.pairs)}, got {shown(split)}")
-        self.about = index
+        self.index = index
+        """Content and address of the dataset's index."""
         self._counts = {name: count for name, count in plan.pairs.items() if split in (None, name)}
         self._shards = {(shard.split, shard.first): shard for shard in plan.shards}
         self._records: dict[Shard, ShardRecord] = {}
@@ -92,7 +95,7 @@ class Dataset:
         Raises ReadError where a file is missing, cut off, unreadable, or not of the size of the dataset's images, or a
         record does not describe its shard.
         """
-        plan, root, (split, pair) = self.about.plan, self.about.root, self.pair(number)
+        plan, root, (split, pair) = self.index.plan, self.index.root, self.pair(number)
         layout, names = plan.layout, plan.files(split, pair)
         if layout.packed:
             shard = self._shards[split, pair - pair % plan.shard_pairs]
@@ -118,13 +121,13 @@ class Dataset:
             if 0 <= position < count:
                 return split, position
             position -= count
-        raise IndexError(f"{self.about.address}: expected one of {counted(len(self), 'pair')}, got number {number}")
+        raise IndexError(f"{self.index.address}: expected one of {counted(len(self), 'pair')}, got number {number}")
 
     def _record(self, shard: Shard) -> ShardRecord:
         if shard not in self._records:
-            if len(self._records) >= _RECORDS_KEPT:
+            if len(self._records) >= _MOST_RECORDS:
                 self._records.clear()
-            self._records[shard] = read_record(self.about.root, shard, packed=True)
+            self._records[shard] = read_record(self.index.root, shard, packed=True)
         return self._records[shard]
 
 
@@ -166,5 +169,7 @@ def read_members(root: UPath, shard: Shard, record: ShardRecord, pair: int, name
     end = max(offset + size for offset, size in spans.values())
     data = read_part(root, shard.tar, begin, end - begin)
     if len(data) < end - begin:
-        raise ReadError(shown_path(root, shard.tar), f"ends before {end} bytes, where its record has files")
+        raise ReadError(
+            shown_path(root, shard.tar), f"has fewer than {end} bytes, but its record lists a file up to there"
+        )
     return {name: data[offset - begin : offset - begin + size] for name, (offset, size) in spans.items()}

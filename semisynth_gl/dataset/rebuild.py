@@ -1,7 +1,7 @@
 """The scenes of a finished dataset, rebuilt from the config, the seed and the patches in its index."""
 
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.dataset.reader import StoredIndex
-from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.plugins import require_plugins
@@ -23,30 +23,25 @@ class RebuiltScenes:
     """
 
     def __init__(self, index: StoredIndex, split: SplitName) -> None:
-        made = index.finished_index
-        described = made and made.split_sources.get(split)
-        if made is None or not described or not described.patches:
+        plan = index.finished_index
+        sources = plan and plan.split_sources.get(split)
+        if plan is None or not sources or not sources.patches:
             raise InputError(f"{index.root}: the scenes cannot be rebuilt: {index.fault or 'its index has no patches'}")
-        self.config, self.seed, part = made.config, made.seed, made.split(split)
-        # A different version of a plug-in may make different models. Recipes need no check: the config has their keys.
-        require_plugins(f"{index.root}: the scenes cannot be rebuilt", "models", made.plugins.get("models", {}))
-        libraries = recipe_libraries(self.config, part)
-        self._sampler = MixSampler(
-            self.config, part.seed, libraries, tuple(Patch(**each.values()) for each in described.patches)
-        )
+        self.config, self.seed, part = plan.config, plan.seed, plan.split(split)
+        # A different version of a plug-in may make different models. Recipes of plug-ins are part of the config.
+        require_plugins(f"{index.root}: the scenes cannot be rebuilt", "models", plan.plugins.get("models", {}))
+        patches = tuple(Patch(**patch.values()) for patch in sources.patches)
+        self._sampler = MixSampler(self.config, part.seed, recipe_libraries(self.config, part), patches)
         self.models: tuple[Mesh, ...] = self._sampler.models
 
     def sampled(self, frame: StoredFrame) -> SampledScene | None:
         """Rebuild a pair's scene, with the slot and generation of each instance.
 
-        Return None if its recipe or camera differs from the one in the pair's provenance.
+        Return None if the rebuilt scene has a different recipe or camera than the pair's provenance.
         """
         redrawn = frame.provenance.get("redrawn")  # an entry for each earlier attempt that failed the config's checks
         rebuilt = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0)
         recorded, camera = frame.provenance.get("camera"), rebuilt.scene.camera
         if rebuilt.recipe != frame.recipe or not isinstance(recorded, dict):
             return None
-        same = recorded.get("fy_over_fx", 1.0) == camera.fy_over_fx and all(
-            recorded.get(name) == value for name, value in camera.values().items() if name != "doffs_px"
-        )
-        return rebuilt if same else None
+        return rebuilt if recorded == camera.values(deviation="deviation" in recorded) else None

@@ -106,7 +106,7 @@ def write(root: UPath, name: str, data: bytes) -> None:
 
 
 def replace(root: UPath, name: str, data: bytes) -> None:
-    """Write or replace a file at once; if the process is killed, a file that ends in .new may remain beside it."""
+    """Write or replace a file atomically; if the process is killed, a file that ends in .new may remain beside it."""
     unfinished = f"{name}.{os.getpid()}.new" if is_local(root) else name
     write(root, unfinished, data)
     if unfinished != name:
@@ -115,7 +115,7 @@ def replace(root: UPath, name: str, data: bytes) -> None:
 
 @contextmanager
 def explained_errors(root: UPath) -> Iterator[None]:
-    """Turn errors of a store, which may have any type, into an InputError with advice."""
+    """Turn errors of an object store, which may have any type, into an InputError with advice."""
     try:
         yield
     except Exception as error:

@@ -8,15 +8,14 @@ from typing import Any, cast
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.model import digest_of
 from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, Shard, ShardEntry, ShardRecord
+from semisynth_gl.dataset.pair_files import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.dataset.reader import StoredIndex, read_members, read_record
 from semisynth_gl.dataset.root import is_local, names_below, read_whole
-from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.inputs.errors import ReadError, counted
 from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.layouts.roles import NEEDED_ROLES
 
 _ABOUT = frozenset({INDEX, PLAN, CARD})
-# A pair that lacks one of these roles cannot be judged.
-_NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})
 
 
 def check_index(index: StoredIndex, verdict: Verdict) -> None:
@@ -83,7 +82,7 @@ def read_pair(
     if plan.layout.packed and record is None:
         return None  # `check_shard` has added a finding
     values = _read_files(index, shard, record, number, verdict)
-    if not values.keys() >= _NEEDED:
+    if not values.keys() >= NEEDED_ROLES:
         return None
     _check_origin(values["provenance"], index, shard, number, verdict)
     sizes = list(wrong_sizes(values, plan.size))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import OTHER_EYE, Eye
 from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.frame.raw_camera import RawCamera

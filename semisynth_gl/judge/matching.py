@@ -8,7 +8,7 @@ a surface. The images differ by the interpolation between the pixels of the seco
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.judge.findings import Verdict

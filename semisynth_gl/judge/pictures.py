@@ -11,7 +11,7 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.judge.interpolation import between, corners

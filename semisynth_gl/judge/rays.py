@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl import oracle
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.dataset.rebuild import RebuiltScenes
-from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import SKY
 from semisynth_gl.judge.findings import Verdict

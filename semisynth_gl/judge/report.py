@@ -89,7 +89,7 @@ def report(
     """
     pairs, sample = to_whole("pairs", pairs, least=0), to_whole("sample", sample, least=1)
     opened = open_dataset(dataset)
-    config = opened.about.plan.config
+    config = opened.index.plan.config
     width_px, png_scale = working_width(config.camera.width_px), to_real("png_scale", png_scale, least=LEAST)
     image_names, map_names = names_of(images), names_of(disparity)
     if map_names and not image_names:
@@ -131,7 +131,7 @@ def _measure(
     """Read pairs, measure their left views, and count these views' disparities in bins that refine the target's."""
     listener = listener or Listener()
     listener.on_total(len(positions))
-    pairs, plan, first = [], dataset.about.plan, dataset[positions[0]].camera
+    pairs, plan, first = [], dataset.index.plan, dataset[positions[0]].camera
     low = min(0.0, -first.doffs_px, target.edges_px[0])
     high = max(plan.config.disparity.max_px, target.edges_px[-1])
     edges_px = np.union1d(np.linspace(low, high, _BINS + 1), target.edges_px)
@@ -148,8 +148,8 @@ def _measure(
 
 def _facts(dataset: Dataset, target: Histogram, achieved: Histogram | None) -> dict[str, str]:
     """Return facts by name: how a dataset was made, and how far its disparities are from the target."""
-    plan, made = dataset.about.plan, dataset.about.finished_index
-    codecs = f"images {plan.encodings.image.name}, disparities {plan.encodings.disparity.name}"
+    plan, made = dataset.index.plan, dataset.index.finished_index
+    codecs = f"images {plan.encodings.image.description}, disparities {plan.encodings.disparity.description}"
     facts = {
         "program": f"{plan.program} {plan.version}",
         "config": f"{plan.config.name}, SHA-256 {plan.config_sha256}",

@@ -5,7 +5,7 @@ from math import inf, isclose, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.judge.findings import Verdict

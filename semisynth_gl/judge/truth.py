@@ -141,7 +141,7 @@ def _files(folder: Path, pattern: str) -> list[Path]:
 
 
 def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TruthSet:
-    root, plan = dataset.about.root, dataset.about.plan
+    root, plan = dataset.index.root, dataset.index.plan
     pairs = []
     for place in range(len(dataset)):
         split, number = dataset.pair(place)
@@ -155,7 +155,7 @@ def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TruthSet:
 
 
 def _read_pair(dataset: Dataset, place: int) -> Truth:
-    index, left = dataset.about, dataset[place].left
+    index, left = dataset.index, dataset[place].left
     visibility = left.get("visibility")
     # A frame has no array for KITTI's map of objects.
     name = index.plan.files(*dataset.pair(place)).get("objects")

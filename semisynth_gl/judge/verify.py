@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from semisynth_gl.dataset.documents import INDEX, DatasetIndex
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.dataset.reader import StoredIndex, read_index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
-from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError

@@ -1,4 +1,4 @@
-"""Layouts: the folders and names of a dataset's files, the program's own and those of plug-ins."""
+"""Layouts: the folders and names of a dataset's files. Built-in layouts and those of plug-ins have names."""
 
 from functools import cache
 
@@ -6,12 +6,10 @@ from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.builtin import BUILT_IN
 from semisynth_gl.layouts.layout import Layout, PairKey, view_stems
+from semisynth_gl.layouts.roles import NEEDED_ROLES
 from semisynth_gl.plugins import find_plugin, installed_plugins
 
 __all__ = ["LAYOUTS", "Layout", "PairKey", "find_layout", "layout_names", "view_stems"]
-
-# Roles without which no pair can be read back.
-_NEEDED = {"left", "right", "disparity_left", "provenance"}
 
 
 def layout_names() -> tuple[str, ...]:
@@ -21,10 +19,10 @@ def layout_names() -> tuple[str, ...]:
 
 @cache
 def find_layout(name: str) -> Layout:
-    """Return the layout with a name; raises InputError if there is none, or a plug-in's layout lacks a needed file."""
+    """Return the layout with a name; raises InputError if there is none, or a plug-in's layout lacks a needed role."""
     if name in BUILT_IN:
         return BUILT_IN[name]
     layout: Layout = find_plugin("layouts", name).value
-    if lacking := sorted(_NEEDED - layout.stems.keys()):
+    if lacking := sorted(NEEDED_ROLES - layout.stems.keys()):
         raise InputError(f"layout {name}: stems must name a file for {', '.join(lacking)}")
     return layout

@@ -1,6 +1,6 @@
-"""The program's own layouts; docs/output.md says what reads them.
+"""The built-in layouts; docs/output.md lists the loaders that read them.
 
-A 0 in a name means the left view. The endings of images, disparities and flow follow from their encodings.
+In names of files, 0 is the left view and 1 the right view. The endings follow from the encodings.
 """
 
 import json
@@ -24,6 +24,7 @@ _PAIR_LINE = "{left} {right} {disparity_left}\n"
 
 
 def _below(folder: str, names: Mapping[str, str]) -> dict[str, str]:
+    """Return the paths of names, by role, in a folder."""
     return {role: f"{folder}{name}" for role, name in names.items()}
 
 
@@ -36,7 +37,7 @@ _SCENE = {
     "flow_visibility": "flow_mask{n}",
     "flow_backward_visibility": "flow_backward_mask{n}",
 }
-# Files about the motion to the next or previous frame, view by view.
+# Flow and its masks, first those of the left view.
 _FLOW = {
     channel.role(eye): view_stems(_SCENE, "{channel}{n}")[channel.role(eye)]
     for eye in EYES
@@ -45,19 +46,19 @@ _FLOW = {
 }
 # y_left - y_right, in pairs that are not rectified.
 _VERTICAL = {"disparity_y_left": "disp0y", "disparity_y_right": "disp1y"}
-_ABOUT = {"calibration": "calib", "provenance": "pair"}
+_METADATA = {"calibration": "calib", "provenance": "pair"}
 
 
-def _now(**names: str) -> dict[str, str]:
-    """Return names by role of the files that are not about motion."""
+def _without_flow(**names: str) -> dict[str, str]:
+    """Return names by role of all channels but flow and its masks."""
     stems = view_stems(_SCENE | names, "{channel}{n}")
     return {role: stem for role, stem in stems.items() if role not in _FLOW}
 
 
-_GT = _now(disparity="disp{n}GT")
+_GT = _without_flow(disparity="disp{n}GT")
 
 _MIDDLEBURY = Layout(
-    stems=_below("MiddEval3/trainingF/{name}/", _GT | _VERTICAL | _FLOW | _ABOUT),
+    stems=_below("MiddEval3/trainingF/{name}/", _GT | _VERTICAL | _FLOW | _METADATA),
     lists={"MiddEval3/official_train.txt": "{name}\n"},
     # Loaders of half or quarter size list the scenes in one of these folders, and may read them in a different one.
     links={
@@ -87,9 +88,9 @@ _MIDDLEBURY_2014 = Layout(
     stems=_below(
         "2014/{name}-perfect/",
         {"left": "im0", "right": "im1", "right_under": "im1E", "right_over": "im1L"}
-        | _now(disparity="disp{n}")
+        | _without_flow(disparity="disp{n}")
         | _VERTICAL
-        | _ABOUT
+        | _METADATA
         | _FLOW,
     ),
     lists={
@@ -210,7 +211,7 @@ _SCENEFLOW = Layout(
             *(f"driving_{tree}/{scene}/left" for scene in _DRIVING),
         )
     ),
-    together=frozenset({"train", "test"}),
+    splits_in_root=frozenset({"train", "test"}),
     lacks=frozenset({"correspondence"}),
     encodings=Encodings(flow=FLOW_CODECS["pfm"]),
     most_frames=10_000,
@@ -247,18 +248,19 @@ _CRESTEREO = Layout(
 
 
 # WebDataset: shards are tars. Files with the same text before the first dot, such as ``00000012``, are a pair. Hugging
-# Face needs the same keys and types in the JSON of every pair, so the JSON has the whole provenance as text.
+# Face's loader needs the same keys and types in the JSON of every pair. The keys of a provenance differ, so the JSON
+# holds it as text.
 
 _SIZES = ("width_px", "height_px")
 _LENGTHS = ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px", "doffs_px")
 
 
-def _facts(sample: StorablePair) -> dict[str, Any]:
-    """Return facts that every pair has, and the provenance as text: loaders drop keys that only some pairs have."""
-    provenance, camera = sample.provenance, sample.frame.camera
+def _webdataset_values(pair: StorablePair) -> dict[str, Any]:
+    """Return the keys that the provenance of every pair has, and the whole provenance as text."""
+    provenance, camera = pair.provenance, pair.frame.camera
     numbers: dict[str, Any] = {name: int(getattr(camera, name)) for name in _SIZES}
     numbers |= {name: float(getattr(camera, name)) for name in _LENGTHS}
-    # All pairs of a dataset have these, or none: rectified pairs of a deviating rig have a deviation of zero.
+    # Either all pairs of a dataset have these keys, or none.
     recorded = provenance.get("camera", {})
     numbers |= {key: recorded[key] for key in ("fy_over_fx", "deviation") if key in recorded}
     beyond = provenance.get(ViewArrays.disparity.beyond_key, {})
@@ -270,7 +272,7 @@ def _facts(sample: StorablePair) -> dict[str, Any]:
         **({"view": int(provenance["view"])} if "view" in provenance else {}),
         "near_m": float(provenance["near_m"]),
         "camera": numbers,
-        "ndisp": int(sample.ndisp),
+        "ndisp": int(pair.ndisp),
         "redrawn": len(provenance.get("redrawn", ())),
         "beyond_left": int(beyond.get("left", 0)),
         "beyond_right": int(beyond.get("right", 0)),
@@ -278,8 +280,8 @@ def _facts(sample: StorablePair) -> dict[str, Any]:
     }
 
 
-class _Facts(JsonObject):
-    """The JSON of `_facts`; `decode` returns the provenance."""
+class _WebDatasetJson(JsonObject):
+    """JSON of `_webdataset_values`; `decode` returns the provenance."""
 
     def decode(self, data: bytes, path: Path) -> dict[str, Any]:
         text = super().decode(data, path).get("provenance")
@@ -289,9 +291,9 @@ class _Facts(JsonObject):
 
 
 _WEBDATASET = Layout(
-    stems=_below("{index:08d}.", _now(image="{view}", disparity="disp{n}", visibility="mask{n}") | _FLOW)
+    stems=_below("{index:08d}.", _without_flow(image="{view}", disparity="disp{n}", visibility="mask{n}") | _FLOW)
     | {"provenance": "{index:08d}"},
-    roles={"provenance": replace(ROLES["provenance"], codec=lambda _: _Facts(), value=_facts)},
+    roles={"provenance": replace(ROLES["provenance"], codec=lambda _: _WebDatasetJson(), value=_webdataset_values)},
     packed=True,
 )
 

@@ -59,19 +59,20 @@ def sequence_length(config: Config) -> int | None:
 class Layout:
     """The names of a dataset's files. A file's content follows from its role; see `semisynth_gl.layouts.roles`.
 
-    Names are templates for `str.format`, in which ``{name}``, ``{index}``, ``{sequence}``, ``{frame}`` and ``{split}``
-    are those of the pair's `PairKey`, and ``{short_split}`` is train, val or test. Paths are below the split's folder.
+    Paths are templates for `str.format`, in which ``{name}``, ``{index}``, ``{sequence}``, ``{frame}`` and ``{split}``
+    are attributes of the pair's `PairKey`, and ``{short_split}`` is train, val or test. They are below the split's
+    folder.
 
     Attributes:
         stems: the path of each file of a pair by role, without the ending; inside the shard's tar if packed.
-        fields: returns further values for the templates.
-        lists: files that list the pairs of a split: the line for a pair, by the list's path. A role in the line, such
-            as ``{left}``, is replaced by the path of the pair's file. Duplicate lines are dropped.
+        fields: a function of the `PairKey` that returns more values for templates.
+        lists: text files about a split: the template of a pair's line, by the file's path. In the line, a role such as
+            ``{left}`` stands for the path of the pair's file. Duplicate lines are dropped.
         links: symbolic links by path; the target is relative to the link's folder.
         flow_links: more links, in datasets with an output of flow.
         folders: folders that loaders list even if they are empty.
-        together: splits that share the dataset's root instead of getting a folder each.
-        roles: roles that differ from those of `ROLES`.
+        splits_in_root: splits whose files are in the dataset's root, not in a folder named after the split.
+        roles: roles that replace those of `ROLES` with the same name.
         packed: whether the files of a shard are packed into one tar; else they are in folders.
         needs: outputs that every dataset in this layout must have.
         lacks: outputs for which the layout has no files, since none of its loaders could read them.
@@ -86,7 +87,7 @@ class Layout:
     links: Mapping[str, str] = field(default_factory=dict)
     flow_links: Mapping[str, str] = field(default_factory=dict)
     folders: tuple[str, ...] = ()
-    together: frozenset[SplitName] = frozenset()
+    splits_in_root: frozenset[SplitName] = frozenset()
     roles: Mapping[str, FileRole] = field(default_factory=dict)
     packed: bool = False
     needs: frozenset[str] = frozenset()
@@ -115,7 +116,7 @@ class Layout:
         return files
 
     def lists_of(self, keys: Sequence[PairKey], encodings: Encodings) -> dict[str, bytes]:
-        """Return the bytes of a split's `lists` by path."""
+        """Return the bytes of a split's `lists` by path; ``keys`` are those of all its pairs."""
         texts = {}
         for path, line in self.lists.items():
             lines = dict.fromkeys(line.format_map(self._values(key) | self.files(key, encodings)) for key in keys)
@@ -123,7 +124,7 @@ class Layout:
         return texts
 
     def links_of(self, keys: Sequence[PairKey]) -> dict[str, str]:
-        """Return the targets of a split's links by path."""
+        """Return the targets of a split's links by path; ``keys`` are those of all its pairs."""
         templates = {**self.links, **(self.flow_links if keys[0].sequence_length else {})}
         return {
             path.format_map(values): target.format_map(values)
@@ -132,8 +133,8 @@ class Layout:
         }
 
     def folder(self, split: SplitName, splits: Collection[SplitName]) -> str:
-        """Return a split's folder below the dataset's, "" or ending in a slash; ``splits`` are all of the dataset."""
-        return "" if len(splits) == 1 or split in self.together else f"{split}/"
+        """Return a split's folder below the dataset's, "" or ending in a slash; ``splits`` are the dataset's splits."""
+        return "" if len(splits) == 1 or split in self.splits_in_root else f"{split}/"
 
     def encodings_for(self, config: Config) -> Encodings:
         """Return the codecs for the pairs of a config in this layout."""

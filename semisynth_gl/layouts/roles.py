@@ -22,6 +22,8 @@ from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Ch
 from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.inputs.errors import ReadError
 
+NEEDED_ROLES = frozenset({"left", "right", "disparity_left", "provenance"})
+"""Roles of the files that every pair must have."""
 _LARGEST_OBJECT = 255
 
 
@@ -46,7 +48,7 @@ class FileRole:
         codec: returns the file's codec for a dataset's encodings.
         value: returns the value that the codec encodes.
         output: the output to which the file belongs; None for a file that every pair has.
-        eye: the view whose truth the file holds; None for images, their maps, and files about the pair.
+        eye: the view whose truth the file holds; None for images, maps into raw images, and files about the pair.
         arrays: roles of the arrays that the value needs; a pair that lacks one gets no such file.
     """
 
@@ -97,7 +99,8 @@ def restore_outside(mask: NDArray[np.uint8], truth: NDArray[np.float32], eye: Ey
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
     """Return KITTI's map of objects, (H, W): 0 for no instance and for instances that are "still", else 1 to 255.
 
-    ``instances`` are (H, W) ids, and row k of the provenance's ``table`` describes id k + 1. After 255 comes 1 again.
+    ``instances`` are (H, W) ids, and row k of the provenance's ``table`` describes id k + 1. Numbers start again after
+    255.
     """
     objects = [0, *(0 if row["still"] else 1 + number % _LARGEST_OBJECT for number, row in enumerate(table))]
     return np.array(objects, np.uint8)[instances]
@@ -137,28 +140,30 @@ def _vertical(eye: Eye, view: ViewArrays) -> NDArray[np.float32]:
     return down if eye == "right" else np.where(np.isinf(down), np.float32(np.inf), -down)
 
 
-def _exposed(stops: float, sample: StorablePair) -> NDArray[np.uint8]:
+def _right_exposed(stops: float, pair: StorablePair) -> NDArray[np.uint8]:
     """Return the right image times 2 to the power of stops, as `semisynth_gl.pairs.imperfections` does."""
     levels = np.rint(np.clip(np.arange(256, dtype=np.float32) * np.float32(2.0**stops), 0, 255)).astype(np.uint8)
-    exposed: NDArray[np.uint8] = levels[sample.frame.right.image]
+    exposed: NDArray[np.uint8] = levels[pair.frame.right.image]
     return exposed
 
 
-def _calibration(sample: StorablePair) -> CalibContent:
-    _, vmin, vmax = finite_range(sample.frame.left.disparity)
-    camera = sample.frame.camera
-    return CalibContent(camera, camera.doffs_px, sample.ndisp, vmin, vmax)
+def _calibration(pair: StorablePair) -> CalibContent:
+    _, vmin, vmax = finite_range(pair.frame.left.disparity)
+    camera = pair.frame.camera
+    return CalibContent(camera, camera.doffs_px, pair.ndisp, vmin, vmax)
 
 
 def _roles_of(eye: Eye) -> dict[str, FileRole]:
     """Return the roles of the files about one view."""
 
-    def role(meaning: str, like: Channel[Any], value: Callable[[ViewArrays], Any], *channels: Channel[Any]) -> FileRole:
-        """Return the role of a file that needs ``channels``, with the output of the first and the codec of ``like``."""
+    def role(
+        meaning: str, codec_of: Channel[Any], value: Callable[[ViewArrays], Any], *channels: Channel[Any]
+    ) -> FileRole:
+        """Return the role of a file that needs ``channels``; its output is that of the first channel."""
         return FileRole(
             meaning.format(view=eye, other=OTHER_EYE[eye]),
-            methodcaller("codec", like),
-            lambda sample: value(sample.frame.view(eye)),
+            methodcaller("codec", codec_of),
+            lambda pair: value(pair.frame.view(eye)),
             channels[0].output,
             eye if channels[0].is_truth else None,
             frozenset(channel.role(eye) for channel in channels),
@@ -168,9 +173,9 @@ def _roles_of(eye: Eye) -> dict[str, FileRole]:
     for truth in CHANNELS.values():
         if truth.mask is None:
             continue
-        mask, what = CHANNELS[truth.mask], truth.name.removesuffix("_backward")
+        mask, truth_name = CHANNELS[truth.mask], truth.name.removesuffix("_backward")
         seen = mask.meaning.partition(",")[0]
-        meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {what}"
+        meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {truth_name}"
         roles[mask.role(eye)] = role(meaning, mask, partial(_stored_mask, truth), mask, truth)
         meaning = f"{truth.role(eye)}, where its mask says that the point is visible too"
         roles[not_occluded_role(truth, eye)] = role(meaning, truth, partial(_not_occluded, truth), mask, truth)
@@ -183,15 +188,15 @@ ROLES: Mapping[str, FileRole] = {
     **_roles_of("left"),
     **_roles_of("right"),
     "right_under": FileRole(
-        "right image a stop darker", methodcaller("codec", ViewArrays.image), partial(_exposed, -1)
+        "right image a stop darker", methodcaller("codec", ViewArrays.image), partial(_right_exposed, -1)
     ),
     "right_over": FileRole(
-        "right image a stop brighter", methodcaller("codec", ViewArrays.image), partial(_exposed, 1)
+        "right image a stop brighter", methodcaller("codec", ViewArrays.image), partial(_right_exposed, 1)
     ),
     "objects": FileRole(
         "8-bit: 1 to 255 for objects, 0 for all else; of the left view",
         lambda _: GREY8,
-        lambda sample: number_objects(sample.frame.left.instances, sample.provenance["instances"]),
+        lambda pair: number_objects(pair.frame.left.instances, pair.provenance["instances"]),
         "instances",
         arrays=frozenset({"instances_left"}),
     ),
@@ -201,11 +206,11 @@ ROLES: Mapping[str, FileRole] = {
     "calib_cam_to_cam": FileRole(
         "the cameras, as KITTI's calib_cam_to_cam.txt has them",
         lambda _: KITTI_CALIB,
-        lambda sample: sample.frame.camera,
+        lambda pair: pair.frame.camera,
     ),
     "provenance": FileRole(
         "what made the pair: seeds, camera, and every instance in the scene",
         lambda _: JSON_OBJECT,
-        lambda sample: sample.provenance,
+        lambda pair: pair.provenance,
     ),
 }

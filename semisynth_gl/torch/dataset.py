@@ -1,4 +1,4 @@
-"""`StereoDataset` reads a written dataset's pairs as dictionaries of tensors; they can be cropped and augmented."""
+"""`StereoDataset` reads the pairs of a written dataset as dictionaries of tensors, cropped and augmented if asked."""
 
 from collections.abc import Callable
 from os import PathLike
@@ -116,7 +116,7 @@ def to_sample(index: int, frame: Frame) -> Sample:
     return {"index": index, "camera": camera, **tensors}
 
 
-def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a reader has made instead
+def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array or, from `CudaPixelReader`, a tensor
     if isinstance(array, np.ndarray):
         # Codecs may return negative strides, which torch refuses, and read-only arrays, of which it warns.
         array = np.require(array, requirements=("C", "W"))
@@ -127,11 +127,10 @@ def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a r
 
 
 class StereoDataset(PairDataset):
-    """The pairs of a written dataset in any layout: ``dataset[i]`` has the keys and types of a `StereoStream`'s sample.
+    """A map-style dataset of the pairs of a written dataset in any layout.
 
-    Values are equal, too, unless the files round them, as JPEG and 16-bit PNG do.
-
-    A sample is a dictionary, see `to_sample`. Each access opens and closes the pair's files, so the dataset can be
+    A sample is a dictionary, see `to_sample`. It equals the sample of a `StereoStream`, except for values that files
+    round, as JPEG and 16-bit PNG do. Each access opens and closes the pair's files, so the dataset can be
     pickled, and workers may be forked or spawned. OpenGL is not needed.
 
     Args:
@@ -163,7 +162,7 @@ class StereoDataset(PairDataset):
         transform: Transform | None = None,
     ) -> None:
         self.pairs = open_dataset(address, split)
-        plan = self.pairs.about.plan
+        plan = self.pairs.index.plan
         self._seed = plan.seed if seed is None else to_whole("seed", seed, least=0)
         self._pairs_in_sequence = plan.config.sequence.length * plan.views
         super().__init__(plan.size, crop, augmentation, transform)

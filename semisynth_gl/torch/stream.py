@@ -1,4 +1,4 @@
-"""Pairs rendered while a network trains: `StereoStream`, a dataset without files."""
+"""`StereoStream` renders pairs while a network trains: a map-style PyTorch dataset without files."""
 
 import os
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from torch.utils.data import get_worker_info
 
 from semisynth_gl.augmentation.augmentation import Augmentation
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.engines import THREADS, threads_each
+from semisynth_gl.dataset.engines import LLVMPIPE_THREADS, threads_each
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_whole
@@ -27,7 +27,7 @@ TensorDevice = Literal["cpu", "cuda"]
 
 
 class StereoStream(PairDataset):
-    """The pairs of a config, rendered on access: ``stream[i]`` is pair i of the dataset that `generate` would make.
+    """A map-style dataset, not an iterable one: ``stream[i]`` renders pair i of the dataset that `generate` writes.
 
     A sample is a dictionary, see `to_sample`. Each process opens a renderer for its first sample and keeps it; `close`
     releases it. Spawn workers: forked workers fail if this process has used OpenGL or CUDA. Samples may be accessed in
@@ -46,8 +46,8 @@ class StereoStream(PairDataset):
             are much faster, but the few pairs that fail the checks differ from the dataset's pairs.
         transform: a function of the sample; its result replaces the sample.
         backend: "auto", "egl" or "osmesa".
-        gpus: CUDA's numbers of the GPUs that workers use in turn. By default, workers use the first GPU that
-            CUDA_VISIBLE_DEVICES shows, or EGL's first device; with device "cuda", the process uses torch's current GPU.
+        gpus: CUDA's numbers of the GPUs that workers use in turn. The default is the first GPU of CUDA_VISIBLE_DEVICES
+            or, where that is not set, EGL's first device; with device "cuda", it is torch's current GPU.
         device: "cpu", or "cuda" for tensors that never leave the GPU; "cuda" needs a DataLoader without workers.
 
     Raises:
@@ -107,7 +107,7 @@ class StereoStream(PairDataset):
         index %= self._pairs
 
         def render(crop: Crop | None) -> Frame:
-            return self._opened().render(index, crop=crop, checked=self._checked).frame
+            return self._open_renderer().render(index, crop=crop, checked=self._checked).frame
 
         return self._sample(index, index // self._config.sequence_pairs, self._split.seed, render)
 
@@ -124,14 +124,14 @@ class StereoStream(PairDataset):
                 self._renderer.release()
         self._renderer = self._reader = None
 
-    def _opened(self) -> PairRenderer:
+    def _open_renderer(self) -> PairRenderer:
         """Return this process's renderer, opened at the first call."""
         if self._process != os.getpid():
             self._renderer, self._reader, self._process = None, None, os.getpid()
         if self._renderer is None:
             worker, gpus = get_worker_info(), self._gpus
             if worker is not None:
-                os.environ.setdefault(THREADS, str(threads_each(worker.num_workers)))
+                os.environ.setdefault(LLVMPIPE_THREADS, str(threads_each(worker.num_workers)))
             if self._device == "cuda":
                 if worker is not None:
                     raise InputError("device='cuda' needs num_workers=0: a worker cannot send tensors on a GPU")

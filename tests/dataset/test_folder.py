@@ -1,5 +1,6 @@
 """The folder of a dataset: what is missing is made again, other people's files stay, one run works at a time."""
 
+import fcntl
 import shutil
 from contextlib import nullcontext, suppress
 from itertools import count
@@ -7,9 +8,11 @@ from pathlib import Path
 
 import pytest
 from hand_made_datasets import config_of, plan_of, write_dataset
+from tiny_datasets import tiny
 
-from semisynth_gl.dataset.documents import INDEX, PLAN
+from semisynth_gl.dataset.documents import INDEX, LOCK, PLAN
 from semisynth_gl.dataset.folder import begin, locked, read_plan
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.root import names_below, open_root
@@ -90,13 +93,20 @@ def test_the_lock_file_of_a_finished_dataset_goes_with_an_error_too(clean, tmp_p
 
 
 @pytest.mark.parametrize("others", [False, True])
-def test_a_run_that_makes_nothing_leaves_no_plan_unless_others_are_at_work(tmp_path, others):
-    root = open_root(tmp_path)
+def test_a_run_that_is_alone_replaces_a_plan_for_which_nothing_was_made(tmp_path, others):
+    config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
+    root, plan = open_root(tmp_path), make_plan(config, 1, "kitti", {"train": 2}, 2)
+    begin(root, plan)
     with locked(root, shared=True) if others else nullcontext():
-        with suppress(Killed), locked(root, shared=True):
-            begin(root, plan_of("middlebury", PAIRS, 2)[0])
-            raise Killed
-        assert (read_plan(root) is not None) == others
+        with pytest.raises(InputError, match="another run") if others else nullcontext():
+            assert generate(config, tmp_path, 1, 2, shards=range(1)).plan.layout_name == "middlebury"
+        assert (read_plan(root) == plan) == others
+
+
+def test_a_lock_that_another_run_removed_meanwhile_locks_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(fcntl, "flock", lambda *_: (tmp_path / LOCK).unlink())
+    with pytest.raises(InputError, match="another run"), locked(open_root(tmp_path)):
+        pass
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ def test_a_run_tells_how_many_attempts_failed_the_checks(config, tmp_path, monke
     )
     recorder = Recorder()
     generate(config, tmp_path / "o", 1, SEED, listener=recorder)
-    assert "rendered anew after 2 attempts that failed the checks" in recorder.messages[-1]
+    assert "2 attempts failed the checks and were rendered anew" in recorder.messages[-1]
 
 
 def test_splits_share_neither_photographs_nor_scenes(config, tmp_path):

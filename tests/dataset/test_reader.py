@@ -107,8 +107,8 @@ def test_a_file_of_another_size_is_refused(tmp_path, name):
     write_dataset(tmp_path, name, {"train": 1}, 1, config_of(outputs=outputs, lens=lens))
     dataset = open_dataset(tmp_path)
     assert dataset[0].left.image.shape == (CAMERA.height_px, CAMERA.width_px, 3)
-    for number, (role, path) in enumerate(dataset.about.plan.files("train", 0).items()):
-        data, codec = (tmp_path / path).read_bytes(), layout.role(role).codec(dataset.about.plan.encodings)
+    for number, (role, path) in enumerate(dataset.index.plan.files("train", 0).items()):
+        data, codec = (tmp_path / path).read_bytes(), layout.role(role).codec(dataset.index.plan.encodings)
         value = codec.decode(data, path)
         if not isinstance(value, np.ndarray):
             continue
@@ -126,7 +126,7 @@ def test_a_file_of_another_size_is_refused(tmp_path, name):
 def test_a_pair_of_another_dataset_or_camera_is_refused(tmp_path):
     """All of its files are of one size, and of another one than the dataset's."""
     write_dataset(tmp_path / "set", "eth3d", {"train": 1}, 1)
-    calib = tmp_path / "set" / open_dataset(tmp_path / "set").about.plan.files("train", 0)["calibration"]
+    calib = tmp_path / "set" / open_dataset(tmp_path / "set").index.plan.files("train", 0)["calibration"]
     text = calib.read_text()
     calib.write_text(text.replace("width=48", "width=50"))
     with pytest.raises(ReadError, match=r"calib\.txt: expected a height and width of \(32, 48\) px.*got \(32, 50\)"):

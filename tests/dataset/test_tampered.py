@@ -143,6 +143,7 @@ def test_a_file_cut_off_or_with_a_changed_byte_breaks_nothing(dataset, plans, na
     for length in np.linspace(0, len(data) - 3, 4).astype(int):
         path.write_bytes(data[:length])
         assert any(name in message for message in found(dataset))
+        assert name != PLAN or "neither resumed nor replaced" in refusal(read_plan, open_root(dataset))
         assert (refusal(read_all, dataset) is None) == (name == RECORD and dataset.name == "middlebury")
     for _ in range(8):
         changed = bytearray(data)

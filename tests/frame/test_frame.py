@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.codec import Codec
-from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import EYES, CameraDeviation, Crop, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, ViewArrays
 from semisynth_gl.frame.frame import Frame
@@ -104,7 +104,7 @@ def test_a_view_and_a_frame_are_pickled_for_other_processes():
         for role, array in original.arrays().items():
             np.testing.assert_array_equal(came.arrays()[role], array)
     assert (came.name, came.index, came.provenance) == ("lab-000003", 3, {"pair": 3})
-    assert came.encodings.disparity.name == "pfm"
+    assert came.encodings.disparity.suffix == ".pfm"
 
 
 # Points

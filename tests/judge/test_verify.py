@@ -16,7 +16,7 @@ from tiny_datasets import SCENES, lean, verified
 from semisynth_gl import Renderer, make_mesh, make_scene
 from semisynth_gl.codecs.png import GREY16
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.inputs.errors import SemisynthError

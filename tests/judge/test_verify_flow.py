@@ -9,7 +9,7 @@ from tiny_datasets import SCENES, tiny, verified
 
 from semisynth_gl.codecs import FLOW_CODECS
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, ViewArrays
 from semisynth_gl.judge.findings import Verdict

@@ -23,8 +23,8 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8, RGB8
+from semisynth_gl.dataset.pair_files import decode_file
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame

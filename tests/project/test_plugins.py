@@ -176,7 +176,7 @@ from semisynth_gl.seeds.splits import SPLITS
 names = view_stems({}, "{channel}_{view}") | {"provenance": "pair"}
 # changed here
 stems = {role: "{split}/{index}_" + name for role, name in names.items()}
-PLUGINS = {"layouts": {"thing": Layout(stems=stems, together=frozenset(SPLITS))}}
+PLUGINS = {"layouts": {"thing": Layout(stems=stems, splits_in_root=frozenset(SPLITS))}}
 """
 
 

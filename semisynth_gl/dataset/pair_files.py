@@ -1,4 +1,7 @@
-"""A pair as files in memory, encoded by a layout's roles and decoded to the same arrays from every layout."""
+"""The files of a pair: `encode_pair` makes their bytes, `assemble_frame` makes the frame from what they hold.
+
+From the files of any layout, the frame gets the same arrays.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -45,9 +48,9 @@ class StoredFrame(Frame):
         return self.provenance.get("recipe")
 
     def sky(self, eye: Eye) -> NDArray[np.bool_] | None:
-        """Return where a view shows the sky, (H, W) bool; None if the files do not say it.
+        """Return where a view shows the sky, (H, W) bool.
 
-        If the scene has a sky, the files say it with the output ``sky`` or ``instances``.
+        None if the scene has a sky, but the dataset has neither the output ``sky`` nor ``instances``.
         """
         view = self.view(eye)
         return np.asarray(view.sky == SKY) if "sky" in view else self.sky_of_instances(eye)
@@ -86,7 +89,7 @@ class StoredFrame(Frame):
 
 
 class EncodedPair(NamedTuple):
-    """A pair as files in memory: bytes by path, below the split's folder or inside the tar; and its provenance."""
+    """A pair's files, bytes by path below the split's folder or inside the tar, and the pair's provenance."""
 
     files: dict[str, bytes]
     provenance: Mapping[str, Any]
@@ -109,11 +112,11 @@ def encode_pair(
         if channel.mask is not None and isfinite(codec.limit_px):
             frame, counts = _invalidate(frame, channel, codec)
             provenance |= {channel.beyond_key: counts} if counts else {}
-    sample, made, files = StorablePair(frame, provenance, ndisp), frame.arrays().keys(), {}
+    pair, present, files = StorablePair(frame, provenance, ndisp), frame.arrays().keys(), {}
     for name, path in layout.files(key, encodings).items():
         role = layout.role(name)
-        if role.arrays <= made:
-            files[path] = role.codec(encodings).encode(role.value(sample))
+        if role.arrays <= present:
+            files[path] = role.codec(encodings).encode(role.value(pair))
     return EncodedPair(files, provenance)
 
 
@@ -160,7 +163,8 @@ def assemble_frame(key: PairKey, values: Mapping[str, Any], encodings: Encodings
     """Assemble a pair from its decoded files, in which `wrong_sizes` has found no fault.
 
     ``values`` are what `decode_file` returns, by role: at least both images, the left disparity and the provenance.
-    Raises ReadError if the provenance has no camera, or the truth of visible points differs from that of all points.
+    Raises ReadError if the provenance has no camera, or a file with the truth of visible points contradicts the file
+    with the truth of all points.
     """
     path = Path(key.name)
     arrays = {role: value for role, value in values.items() if role in ROLES}
