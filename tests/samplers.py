@@ -5,10 +5,10 @@ from functools import cache
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.floor_scene import ModelCatalogue
+from semisynth_gl.scene.catalogue import ModelCatalogue, make_catalogue
 from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.scene.structures import StaticScene, make_catalogue, sample_static_scene
+from semisynth_gl.scene.static_scene import StaticScene, sample_static_scene
 from semisynth_gl.seeds.seeds import generator
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch

@@ -13,7 +13,7 @@ from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render import Backend
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.background import FACE
+from semisynth_gl.scene.catalogue import FACE
 from semisynth_gl.scene.scene import make_scene
 
 

@@ -8,7 +8,7 @@ import pyrr
 from semisynth_gl.config import Config, Range
 from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
+from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.instances import Instances, new_instances
@@ -16,33 +16,12 @@ from semisynth_gl.scene.left_view import grid_px
 from semisynth_gl.scene.rig import SequenceRig, check_reachable
 from semisynth_gl.scene.view_volume import WIDEST_RAD, corner_rays, fit_box, smallest_offsets
 
-# Position of the ground's first row of vertices, as a share of the ground's length.
-_GROUND_FROM = 1 / 400
 # Range of the positions of side walls: 0 is the nearest allowed position, 1 the edge of the view.
 _SIDE_WALL = Range(0.3, 1.1)
 # Walls overlap at their edges by this share of their size: without overlap, float32 would leave gaps.
 OVERLAP = 1e-4
 
 Kind = Literal["cuboid", "plane", "room", "street"]
-
-
-def _face() -> Mesh:
-    """The unit square of the x-y plane, u along x and v along y."""
-    u, v, triangles = mesh_grid(8, 8)
-    return make_mesh("face", np.c_[u, v, np.zeros(len(u))], np.c_[u, v], triangles)
-
-
-def _ground() -> Mesh:
-    """A wedge with its tip at the origin, 1 long, 2 wide at its end; rows of vertices are denser towards the tip."""
-    u, v, triangles = mesh_grid(24, 8)
-    along = _GROUND_FROM ** (1 - v)
-    across = (2 * u - 1) * along
-    return make_mesh("ground", np.c_[across, np.zeros(len(u)), along], np.c_[across, along], triangles)
-
-
-# Both are grids of many vertices: float32 rounds a vertex in steps that grow with its distance, so the near part of a
-# surface must not depend on far vertices.
-FACE, GROUND = _face(), _ground()
 
 
 def sample_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:

@@ -35,11 +35,11 @@ from semisynth_gl.geometry.relief import MeanModelRelief
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats, Ints
+from semisynth_gl.scene.catalogue import ModelCatalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
-from semisynth_gl.scene.floor_scene import ModelCatalogue
 from semisynth_gl.scene.particles import ParticleBatch, ParticleSizes, expected_cover, expected_in_view, stated_sizes
 from semisynth_gl.scene.rig import check_reachable, near_depth_m, relief_px
-from semisynth_gl.scene.structures import sample_static_scene
+from semisynth_gl.scene.static_scene import sample_static_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 # Number of pilot scenes.

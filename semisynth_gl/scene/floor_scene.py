@@ -9,24 +9,19 @@ from numpy.typing import ArrayLike
 
 from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.rotations import about_z
-from semisynth_gl.scene import Floats, Ints
-from semisynth_gl.scene.background import FACE, OVERLAP
+from semisynth_gl.scene import Floats
+from semisynth_gl.scene.background import OVERLAP
+from semisynth_gl.scene.catalogue import FACE, SURFACE_MODELS, Corner, ModelCatalogue
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
-from semisynth_gl.scene.resting import surfaces_below
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
-from semisynth_gl.scene.scene import placed_vertices
 
 # Kinds of models that always get a large patch, as walls do.
 _LARGE = frozenset({"house"})
-# Cosine of the steepest slope on which a thing can stand.
-_LEVEL = 0.98
 
 Diameters = Mapping[str, tuple[float, float]]
 """The smallest and the largest diameter of the bounding sphere of each kind, by the kind's name, metres."""
 Picked = tuple[int, float]
 """The number of a model in a catalogue, and the diameter of its bounding sphere, metres."""
-Corner = tuple[float, float]
-"""A corner of a rectangle: x and y on the floor, or u and v on a wall."""
 
 
 def camera_over_floor(height_m: float, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Floats:
@@ -43,26 +38,6 @@ def camera_over_floor(height_m: float, yaw_rad: float, pitch_rad: float, roll_ra
     matrix[:3, :3] = rolled, cross(ahead, rolled), ahead
     matrix[:3, 3] = -matrix[:3, 2] * height_m
     return matrix
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ModelCatalogue:
-    """The M models of static instances, `SURFACE_MODELS` and then the library's models, and their extents."""
-
-    models: tuple[Mesh, ...]
-    by_name: Mapping[str, Ints]  # for each kind, the numbers of the library's models that may be chosen
-    low: Floats  # (M, 3) the lower corner of each model's bounding box, model units
-    high: Floats  # (M, 3) the opposite corner
-    uv_low: Floats  # (M, 2) the lowest UV of each model
-    uv_high: Floats  # (M, 2) the highest UV of each model
-
-    def number(self, surface: Mesh) -> int:
-        """Return the number of a surface model."""
-        return next(number for number, mesh in enumerate(self.models) if mesh is surface)
-
-    def extent(self, number: int) -> Floats:
-        """Return the lengths (3,) of a model's bounding box, in model units."""
-        return np.asarray(self.high[number] - self.low[number])
 
 
 @dataclass(slots=True, eq=False)
@@ -136,7 +111,7 @@ class FloorSceneBuilder:
         matrix[:3, 0], matrix[:3, 1] = edges * (1 + 2 * OVERLAP)
         matrix[:3, 2] = cross(edges[0], edges[1]) / sizes.prod() * sizes.mean()
         matrix[:3, 3] = np.asarray(corner, np.float64) - OVERLAP * edges.sum(axis=0)
-        return self.add(self.catalogue.number(model), matrix, sizes, texture)
+        return self.add(SURFACE_MODELS.index(model), matrix, sizes, texture)
 
     def add_box(
         self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, texture: int | None = None
@@ -183,14 +158,6 @@ class FloorSceneBuilder:
         """Return whether a box between two opposite corners, turned and then moved, is too near to the camera."""
         corners = np.array(list(product(*np.stack([low, high], axis=1))))
         return bool(self.depths_m(corners @ turn.T + at).min() < BEYOND_NEAR * self.rig.near_m)
-
-    def top(self, number: int, x: float, y: float) -> float | None:
-        """Return the height of a thing's top over a point (x, y) of the floor; None if the top is not level there."""
-        thing = self.things[number]
-        mesh = self.catalogue.models[thing["model"]]
-        corners = placed_vertices(mesh, thing["pose"])[mesh.triangles]
-        height, normal = surfaces_below(corners, np.array([[x, y, np.inf]]))
-        return float(height[0]) if normal[0, 2] >= _LEVEL else None
 
     def floor_m(self, x: float, y: float) -> float:
         """Return the height of the floor at a point: 0, or the height of a raised part such as a pavement."""

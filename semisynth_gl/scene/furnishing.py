@@ -6,7 +6,10 @@ import numpy as np
 
 from semisynth_gl.config.scene_sections import RoomSection
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.floor_scene import Corner, Diameters, FloorSceneBuilder, Wall
+from semisynth_gl.scene.catalogue import Corner
+from semisynth_gl.scene.floor_scene import Diameters, FloorSceneBuilder, Wall
+from semisynth_gl.scene.resting import surfaces_below
+from semisynth_gl.scene.scene import placed_vertices
 
 # Diameters of the bounding spheres: of things that stand on the floor, of small things that stand on the floor or on
 # furniture, and of things that hang on walls.
@@ -38,6 +41,8 @@ _HANGING: Final[Diameters] = {
 }  # fmt: skip
 
 _TRIES = 8
+# Cosine of the steepest slope on which a small thing can stand.
+_LEVEL = 0.98
 
 
 def furnish(room: FloorSceneBuilder, section: RoomSection, walls: tuple[Wall, ...]) -> None:
@@ -79,11 +84,12 @@ def fill_niche(room: FloorSceneBuilder, wall: Wall, low: Corner, high: Corner, d
 def _on_top(room: FloorSceneBuilder, number: int) -> tuple[float, float, float] | None:
     """Sample a position (x, y, z) on top of a thing, given its number; return None if the top is not level there."""
     model, pose = room.things[number]["model"], room.things[number]["pose"]
-    low, high = room.catalogue.low[model], room.catalogue.high[model]
+    mesh, low, high = room.catalogue.models[model], room.catalogue.low[model], room.catalogue.high[model]
     spot = low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
     x, y, _ = pose[:3, :3] @ spot + pose[:3, 3]
-    z = room.top(number, x, y)
-    return None if z is None else (x, y, z)
+    corners = placed_vertices(mesh, pose)[mesh.triangles]
+    [height], [normal] = surfaces_below(corners, np.array([[x, y, np.inf]]))
+    return (x, y, float(height)) if normal[2] >= _LEVEL else None
 
 
 def _on_floor(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> tuple[float, float]:

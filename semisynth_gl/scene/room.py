@@ -1,14 +1,13 @@
 """Samples a room: a box with floor, walls and ceiling, doorways and niches."""
 
-from typing import Final
-
 import numpy as np
 
 from semisynth_gl.config import Config, Range
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.background import sample_wall_px
-from semisynth_gl.scene.floor_scene import Corner, FloorSceneBuilder, ModelCatalogue, Wall, camera_over_floor
+from semisynth_gl.scene.catalogue import DOORWAY_HOLES, DOORWAYS, NICHE_HOLES, NICHES, Corner, ModelCatalogue
+from semisynth_gl.scene.floor_scene import FloorSceneBuilder, Wall, camera_over_floor
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.view_volume import corner_rays, deepest_m, fit_box
@@ -17,41 +16,11 @@ from semisynth_gl.scene.view_volume import corner_rays, deepest_m, fit_box
 _TRUE = Range(2.5, 9.0)
 # Range of the ceiling's height, metres, in rooms of true size.
 _HEIGHT = Range(2.4, 3.3)
-# Holes in walls, as fractions of the wall's edges: three horizontal ranges, of which a hole has one, and the vertical
-# ranges of doorways and of niches.
-_HOLES: Final = ((0.12, 0.4), (0.37, 0.63), (0.6, 0.88))
-_DOORWAY_ROWS, _NICHE_ROWS = (0.2, 1.0), (0.3, 0.62)
 # Share of a wall's edges by which the box behind a hole is larger than the hole on each side.
 _BEHIND = 1e-3
 # Factors by which a room behind a doorway is made smaller until it fits, and its smallest depth, in metres of the room.
 _SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25)
 _SHALLOWEST_M = 0.3
-
-
-def _pierced(low: Corner, high: Corner, name: str) -> Mesh:
-    """Make the unit square of the x-y plane with a rectangular hole from ``low`` to ``high``; u is x, and v is y."""
-    lines = [
-        np.unique(np.concatenate([np.linspace(0, a, 4), np.linspace(a, b, 4), np.linspace(b, 1, 4)]))
-        for a, b in zip(low, high, strict=True)
-    ]
-    x, y = (np.concatenate([grid.ravel() for grid in grids]) for grids in zip(np.meshgrid(*lines), strict=True))
-    width = len(lines[0])
-    in_hole = [(a <= line[:-1]) & (line[1:] <= b) for line, a, b in zip(lines, low, high, strict=True)]
-    row, column = np.nonzero(~np.outer(in_hole[1], in_hole[0]))
-    first = row * width + column
-    halves = [(first, first + 1, first + width + 1), (first, first + width + 1, first + width)]
-    triangles = np.transpose(halves, (2, 0, 1)).reshape(-1, 3)
-    return make_mesh(name, np.c_[x, y, np.zeros(len(x))], np.c_[x, y], triangles)
-
-
-def _hole(number: int, rows: tuple[float, float]) -> tuple[Corner, Corner]:
-    """Return two opposite corners (u, v) of the hole in the horizontal range ``_HOLES[number]``."""
-    (left, right), (top, bottom) = _HOLES[number], rows
-    return (left, top), (right, bottom)
-
-
-DOORWAYS: Final = tuple(_pierced(*_hole(k, _DOORWAY_ROWS), "wall with a doorway") for k in range(len(_HOLES)))
-NICHES: Final = tuple(_pierced(*_hole(k, _NICHE_ROWS), "wall with a niche") for k in range(len(_HOLES)))
 
 
 def sample_room(
@@ -107,23 +76,23 @@ def sample_room(
 
 def _add_doorway(room: FloorSceneBuilder, wall: Wall) -> bool:
     """Add a wall with a doorway, and behind it the largest room that fits; return False if no room fits."""
-    number = int(room.rng.integers(len(_HOLES)))
+    number = int(room.rng.integers(len(DOORWAYS)))
     deep = room.rng.uniform(0.8, 4) * room.metre
     aside = room.rng.uniform(0.3, 1.5) * room.metre / wall.length_m
-    left, right = _HOLES[number]
+    (left, _), (right, _) = DOORWAY_HOLES[number]
     for share in _SMALLER:
         low, high = (left - share * aside, 0.0), (right + share * aside, 1.0)
         is_deep = share * deep >= _SHALLOWEST_M * room.metre
         if is_deep and _pierce(room, wall, DOORWAYS[number], low, high, share * deep):
-            wall.taken.append(_hole(number, _DOORWAY_ROWS))
+            wall.taken.append(DOORWAY_HOLES[number])
             return True
     return False
 
 
 def _add_niche(room: FloorSceneBuilder, wall: Wall) -> bool:
     """Add a wall with a niche and things in the niche; return False if the niche does not fit."""
-    number, deep = int(room.rng.integers(len(_HOLES))), room.rng.uniform(0.15, 0.4) * room.metre
-    low, high = _hole(number, _NICHE_ROWS)
+    number, deep = int(room.rng.integers(len(NICHES))), room.rng.uniform(0.15, 0.4) * room.metre
+    low, high = NICHE_HOLES[number]
     if not _pierce(room, wall, NICHES[number], low, high, deep):
         return False
     wall.taken.append((low, high))

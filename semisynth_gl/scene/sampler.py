@@ -11,6 +11,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Floats, Ints
+from semisynth_gl.scene.catalogue import SURFACE_MODELS, make_catalogue
 from semisynth_gl.scene.disparity_solver import DisparitySolver
 from semisynth_gl.scene.instances import INSTANCE, Instances, PatchMapping, choose, new_instances, to_scene
 from semisynth_gl.scene.particles import ParticleStart, particle_poses, sample_slots, sample_start
@@ -18,7 +19,7 @@ from semisynth_gl.scene.projector import sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import relief_px
 from semisynth_gl.scene.scene import Motion, Scene
-from semisynth_gl.scene.structures import SURFACE_MODELS, make_catalogue, sample_static_scene
+from semisynth_gl.scene.static_scene import sample_static_scene
 from semisynth_gl.scene.view_volume import clear_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch

@@ -7,8 +7,9 @@ import numpy as np
 from semisynth_gl.config import Config, Range
 from semisynth_gl.config.scene_sections import StreetSection
 from semisynth_gl.geometry.mesh import cross
-from semisynth_gl.scene.background import FACE, GROUND, lay_ground, sample_plane
-from semisynth_gl.scene.floor_scene import Diameters, FloorSceneBuilder, ModelCatalogue, camera_over_floor
+from semisynth_gl.scene.background import lay_ground, sample_plane
+from semisynth_gl.scene.catalogue import FACE, GROUND, SURFACE_MODELS, ModelCatalogue
+from semisynth_gl.scene.floor_scene import Diameters, FloorSceneBuilder, camera_over_floor
 from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.view_volume import smallest_offsets
 
@@ -53,14 +54,14 @@ def sample_street(
     camera_from_floor = camera_over_floor(height, yaw, pitch, roll)
     street = FloorSceneBuilder(rig, camera_from_floor, catalogue, metre, rng)
     pose = np.linalg.inv(camera_from_floor) @ backdrop["pose"]
-    street.add(catalogue.number(FACE), pose, backdrop["unit_m"])
+    street.add(SURFACE_MODELS.index(FACE), pose, backdrop["unit_m"])
     # The ground extends along the camera's viewing direction.
     ahead = camera_from_floor[2, :3] * (1, 1, 0)
     along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))
     across = cross(along, camera_from_floor[:3, 2])
     ground = lay_ground(rig.camera, Range(near_m, backdrop_m), across, along, height)
     sizes = np.linalg.norm(ground[:3, [0, 2]], axis=0)
-    street.add(catalogue.number(GROUND), np.linalg.inv(camera_from_floor) @ ground, sizes)
+    street.add(SURFACE_MODELS.index(GROUND), np.linalg.inv(camera_from_floor) @ ground, sizes)
     ahead_m = near_m, min(backdrop_m, _FARTHEST * metre)
     road = section.road_width_m.sample(rng) * metre / 2
     pavement = rng.uniform(1.5, 4) * metre

@@ -19,8 +19,8 @@ from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.plugins import modules_sha256
 from semisynth_gl.scene import disparity_solver
+from semisynth_gl.scene.catalogue import make_catalogue
 from semisynth_gl.scene.sources import recipe_libraries
-from semisynth_gl.scene.structures import make_catalogue
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
 from semisynth_gl.textures.prepare import prepare_atlas

@@ -14,15 +14,14 @@ from semisynth_gl import load_config
 from semisynth_gl.config.scene_sections import RoomSection, StreetSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
-from semisynth_gl.scene.background import FACE
+from semisynth_gl.scene.catalogue import DOORWAYS, FACE, NICHES, SURFACE_MODELS
 from semisynth_gl.scene.furnishing import _HANGING
 from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.left_view import grid_px, left_view_hits
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
+from semisynth_gl.scene.room import sample_room
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.street import sample_street
-from semisynth_gl.scene.structures import SURFACE_MODELS
 
 KINDS = {"room": "middlebury", "street": "kitti"}
 SECTIONS = {"room": RoomSection, "street": StreetSection}

@@ -15,12 +15,13 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import sampler as sampler_module
 from semisynth_gl.scene.background import sample_plane
+from semisynth_gl.scene.catalogue import CURVED_PANEL, SURFACE_MODELS
 from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import near_depth_m, sample_cameras
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene, make_scene
-from semisynth_gl.scene.structures import CURVED_PANEL, SURFACE_MODELS, sample_structures
+from semisynth_gl.scene.static_scene import sample_structures
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 

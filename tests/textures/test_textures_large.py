@@ -11,9 +11,9 @@ from samplers import patches, sampler_of
 from semisynth_gl.config import load_config
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.scene.catalogue import SURFACE_MODELS
 from semisynth_gl.scene.instances import map_patches, new_instances
 from semisynth_gl.scene.left_view import left_view_hits
-from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
 from semisynth_gl.textures.atlas import Patch, atlas_from_arrays

@@ -7,38 +7,18 @@ import numpy as np
 
 from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
-from semisynth_gl.geometry.model_library import ModelLibrary
+from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.background import FACE, GROUND, Kind, lay_ground, sample_cuboid, sample_kind, sample_plane
-from semisynth_gl.scene.floor_scene import ModelCatalogue
+from semisynth_gl.scene.background import Kind, lay_ground, sample_cuboid, sample_kind, sample_plane
+from semisynth_gl.scene.catalogue import CURVED_PANEL, FACE, GROUND, SURFACE_MODELS, ModelCatalogue
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
 from semisynth_gl.scene.left_view import GRID, measure
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig, check_reachable, sample_rig
-from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
+from semisynth_gl.scene.room import sample_room
 from semisynth_gl.scene.scene import placed_vertices
 from semisynth_gl.scene.street import sample_street
 from semisynth_gl.scene.view_volume import smallest_offsets
 from semisynth_gl.seeds.seeds import Purpose
-
-_ARC_COLUMNS, _ARC_ROWS = 24, 4
-_HALF_ARC_RAD = np.pi / 3
-
-
-def _curved_panel() -> Mesh:
-    """Make a third of a cylinder over the unit square about the origin; it bulges to -z, and u is along the arc."""
-    u, v, triangles = mesh_grid(_ARC_ROWS, _ARC_COLUMNS)
-    radius = 0.5 / np.sin(_HALF_ARC_RAD)
-    angle = (2 * u - 1) * _HALF_ARC_RAD
-    middle = radius * (1 + np.cos(_HALF_ARC_RAD)) / 2
-    points = np.c_[radius * np.sin(angle), v - 0.5, middle - radius * np.cos(angle)]
-    return make_mesh("curved panel", points, np.c_[radius * angle, v], triangles)
-
-
-CURVED_PANEL = _curved_panel()
-# The models of walls, grounds and panels; scenes refer to them in this order. A flat panel is a `FACE`.
-SURFACE_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
-_FACE, _GROUND, _CURVED = range(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,19 +31,6 @@ class StaticScene:
     bare_px: Floats  # (R,) disparities of the left view, on the coarse grid of `grid_px`
     up: Floats  # (3,) unit vector upwards, in the left camera's frame
     farthest_m: float  # maximum depth in the views of a room; inf for other backgrounds
-
-
-def make_catalogue(library: ModelLibrary) -> ModelCatalogue:
-    """Return the catalogue of the surface models and a library's models."""
-    chosen = library.sampled[library.chances > 0]
-    names = np.array([library.models[number].name for number in chosen])
-    by_name = {str(name): len(SURFACE_MODELS) + chosen[names == name] for name in np.unique(names)}
-    models = (*SURFACE_MODELS, *library.models)
-    boxes, uv = (
-        np.array([(array.min(axis=0), array.max(axis=0)) for array in arrays], np.float64).swapaxes(0, 1)
-        for arrays in ([mesh.positions for mesh in models], [mesh.uv for mesh in models])
-    )
-    return ModelCatalogue(models, by_name, *boxes, *uv)
 
 
 def sample_static_scene(
@@ -113,16 +80,17 @@ def sample_structures(config: Config, rig: SequenceRig, far_m: float, rng: np.ra
     near plane cuts off panels that come too near. Raises InputError where ``ground_disparity_px`` + doffs or
     ``panel_disparity_px`` + doffs is not positive.
     """
-    section, sampled = config.structures, list[tuple[int, Floats]]()
+    section, sampled = config.structures, list[tuple[Mesh, Floats]]()
     if rng.random() < section.ground:
-        sampled.append((_GROUND, _sample_ground(config, rig, far_m, rng)))
+        sampled.append((GROUND, _sample_ground(config, rig, far_m, rng)))
     sampled.extend(_sample_panel(config, rig, rng) for _ in range(round(section.panels.sample(rng))))
     table = new_instances(len(sampled), large=True)
     for row, (model, pose) in zip(table, sampled, strict=True):
-        nearest_m = (SURFACE_MODELS[model].positions.astype(np.float64) @ pose[2, :3] + pose[2, 3]).min()
-        row["model"], row["pose"], row["depth_m"] = model, pose, max(float(nearest_m), rig.near_m)
+        nearest_m = (model.positions.astype(np.float64) @ pose[2, :3] + pose[2, 3]).min()
+        row["model"], row["pose"] = SURFACE_MODELS.index(model), pose
+        row["depth_m"] = max(float(nearest_m), rig.near_m)
         # The UV of a ground runs along the model's x and z, other UV along x and y.
-        row["unit_m"] = np.linalg.norm(pose[:3, [0, 2 if model == _GROUND else 1]], axis=0)
+        row["unit_m"] = np.linalg.norm(pose[:3, [0, 2 if model is GROUND else 1]], axis=0)
     return table
 
 
@@ -152,11 +120,11 @@ def _farther_half(config: Config, camera: StereoCamera) -> Range:
     return Range(disparity.min_px, max(disparity.min_px, nearness**0.5 - camera.doffs_px))
 
 
-def _sample_panel(config: Config, rig: SequenceRig, rng: np.random.Generator) -> tuple[int, Floats]:
-    """Sample a panel; return the number of its model, and its pose (4, 4)."""
+def _sample_panel(config: Config, rig: SequenceRig, rng: np.random.Generator) -> tuple[Mesh, Floats]:
+    """Sample a panel; return its model, and its pose (4, 4)."""
     section, camera = config.structures, rig.camera
     curved = bool(rng.random() < section.panel_curved)
-    number = _CURVED if curved else _FACE
+    model = CURVED_PANEL if curved else FACE
     where = section.panel_disparity_px or _farther_half(config, camera)
     check_reachable(camera, where.low, "structures.panel_disparity_px")
     depth = float(camera.depth_m(where.sample(rng)))
@@ -174,7 +142,7 @@ def _sample_panel(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     # The origin of a face is its corner; the origin of a curved panel is its middle.
     begin = np.zeros(3) if curved else -(matrix[:3, 0] + matrix[:3, 1]) / 2
     matrix[:3, 3] = begin
-    nearest = float(placed_vertices(SURFACE_MODELS[number], matrix)[:, 2].min())
+    nearest = float(placed_vertices(model, matrix)[:, 2].min())
     depth = max(depth, BEYOND_NEAR * rig.near_m - nearest)
     matrix[:3, 3] = begin + camera.rays("left", np.array(x), np.array(y)) * depth
-    return number, matrix
+    return model, matrix
