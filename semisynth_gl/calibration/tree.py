@@ -17,8 +17,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from semisynth_gl.codecs import read_bytes
+from semisynth_gl.geometry.rotations import rotations_from_quaternions
 from semisynth_gl.inputs.errors import ReadError, abbreviate
-from semisynth_gl.scene.rig import rotation_from_quaternion
 
 Array = NDArray[np.float64]
 Name = tuple[str, ...]
@@ -78,7 +78,7 @@ def listing(tree: Mapping[Name, Array | str]) -> str:
 def rotation_of_quaternion(quaternion: Array) -> Array:
     """Return the rotation (3, 3) of a quaternion x y z w of any length; nan for a length of 0."""
     with np.errstate(all="ignore"):
-        turn: Array = rotation_from_quaternion((quaternion / np.linalg.norm(quaternion))[None])[0]
+        turn: Array = rotations_from_quaternions((quaternion / np.linalg.norm(quaternion))[None])[0]
     return turn
 
 

@@ -1,4 +1,4 @@
-"""Rotations of parts of models: (3, 3) matrices for column vectors, by the right-hand rule."""
+"""Rotations as (3, 3) matrices for column vectors, by the right-hand rule."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -34,3 +34,20 @@ def z_onto(axis: Floats) -> Floats:
     """Return a rotation of the z axis onto a unit vector."""
     x = unit(cross(least_aligned_axis(axis), axis))
     return np.stack([x, cross(axis, x), axis], axis=1)
+
+
+def rotations_from_quaternions(quaternions: Floats) -> Floats:
+    """Return the rotation matrices (N, 3, 3) of unit quaternions (N, 4), x y z w."""
+    x, y, z, w = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def rotations_about(axes: Floats, angle_rad: Floats) -> Floats:
+    """Return the rotation matrices (N, 3, 3) about unit axes (N, 3) by angles (N,)."""
+    half = angle_rad / 2
+    return rotations_from_quaternions(np.concatenate([axes * np.sin(half)[:, None], np.cos(half)[:, None]], axis=1))

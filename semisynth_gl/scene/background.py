@@ -137,7 +137,7 @@ def sample_wall_px(config: Config, camera: StereoCamera, rng: np.random.Generato
 
 def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
     """Return the corners of both views at one planar depth, (R, 3), in the left camera's frame."""
-    at_one_m = {eye: (rays := corner_rays(camera, eye)) / rays[:, 2:] for eye in EYES}
+    at_one_m = {eye: (rays := corner_rays(camera, [eye])) / rays[:, 2:] for eye in EYES}
     return np.concatenate([at_one_m[eye] * depth_m + np.array([camera.offset_m(eye), 0, 0]) for eye in EYES])
 
 

@@ -38,10 +38,10 @@ from functools import cache
 import numpy as np
 
 from semisynth_gl.config import Range
-from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats
 from semisynth_gl.scene.particles import ParticleSizes, path_px
+from semisynth_gl.scene.rig import SequenceRig
 
 _MOST_LAYERS = 48
 # Maximum mean coverage of a layer; at this coverage, particles cover 98 % of the pixels.
@@ -75,14 +75,7 @@ class DepthLayers:
         return self.low_px < self.high_px
 
     def exceedance(
-        self,
-        edges_px: Floats,
-        camera: StereoCamera,
-        drift: Range,
-        sizes: ParticleSizes,
-        heights: Floats,
-        near_m: float,
-        relief_px: float = np.inf,
+        self, edges_px: Floats, rig: SequenceRig, drift: Range, sizes: ParticleSizes, heights: Floats
     ) -> Floats:
         """Return S_k(d) of the module's text, (K, J): the probability that a pixel of a particle shows at least d.
 
@@ -90,17 +83,15 @@ class DepthLayers:
 
         Args:
             edges_px: (J,) the disparities d.
-            camera: the camera.
+            rig: the cameras, without sway.
             drift: speed aside and in depth, in units of the speed downwards.
             sizes: the particles' diameters.
             heights: the models' mean relief h, in radii, see `MeanModelRelief`.
-            near_m: depth of the near plane.
-            relief_px: largest radius of a model along the viewing axis, px at its own depth.
         """
-        where = _unit_points()
+        camera, where = rig.camera, _unit_points()
         disparity = self.low_px[:, None] + (self.high_px - self.low_px)[:, None] * where[:, 0]
         radius = sizes.radius_px(camera, disparity, where[:, 1])
-        relief = np.minimum(radius, relief_px)
+        relief = np.minimum(radius, rig.relief_px)
         height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
         speed = drift.low + (drift.high - drift.low) * where[:, 3]
         # The drift in depth has the heading pi w, the drift sideways 2 pi w, for w from 0 to 1. Each has the
@@ -108,8 +99,8 @@ class DepthLayers:
         path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
         # Depths are in units of Z from here on. A model reaches relief / f in front of its centre. Its drift in depth
         # is limited so that it stays beyond the near plane, as in `particle_poses`.
-        room = 1 - relief / camera.focal_px - near_m / camera.depth_m(disparity)
-        nearest = 2 * np.clip(room, 0.0, relief_px / camera.focal_px)
+        room = 1 - relief / camera.focal_px - rig.near_m / camera.depth_m(disparity)
+        nearest = 2 * np.clip(room, 0.0, rig.relief_px / camera.focal_px)
         depth = 1 + age * np.clip(path * np.cos(np.pi * where[:, 4]) / camera.focal_px, -nearest, nearest)
         # Where particles drift sideways, a strip on the side that they come from lacks particles. On the right (with a
         # negative disparity, on the left) particles from the margin for the other view fill this strip.

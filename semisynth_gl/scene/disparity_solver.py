@@ -38,7 +38,7 @@ from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.catalogue import ModelCatalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import ParticleBatch, ParticleSizes, expected_cover, expected_in_view, stated_sizes
-from semisynth_gl.scene.rig import check_reachable, near_depth_m, relief_px
+from semisynth_gl.scene.rig import SequenceRig, check_reachable
 from semisynth_gl.scene.static_scene import sample_static_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
@@ -254,10 +254,8 @@ class DisparitySolver:
         return np.asarray(np.searchsorted(np.sort(bare_px), inner) / len(bare_px) * np.exp(-covered))
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: ParticleSizes) -> Floats:
-        disparity, drift = self._config.disparity, self._config.particles.drift
-        near_m = near_depth_m(camera, disparity)
-        most_px = relief_px(camera, disparity.min_px, near_m)
-        return layers.exceedance(edges_px, camera, drift, sizes, self._relief.heights, near_m, most_px)
+        rig = SequenceRig.within(self._config.disparity, (camera,))
+        return layers.exceedance(edges_px, rig, self._config.particles.drift, sizes, self._relief.heights)
 
 
 def poisson_counts(mean: Floats, quantile: Floats) -> Ints:

@@ -13,7 +13,7 @@ from semisynth_gl.scene import Floats
 from semisynth_gl.scene.background import OVERLAP
 from semisynth_gl.scene.catalogue import FACE, SURFACE_MODELS, Corner, ModelCatalogue
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
-from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
+from semisynth_gl.scene.rig import SequenceRig
 
 # Kinds of models that always get a large patch, as walls do.
 _LARGE = frozenset({"house"})
@@ -157,7 +157,7 @@ class FloorSceneBuilder:
     def _too_near(self, low: ArrayLike, high: ArrayLike, turn: Floats, at: Floats) -> bool:
         """Return whether a box between two opposite corners, turned and then moved, is too near to the camera."""
         corners = np.array(list(product(*np.stack([low, high], axis=1))))
-        return bool(self.depths_m(corners @ turn.T + at).min() < BEYOND_NEAR * self.rig.near_m)
+        return bool(self.depths_m(corners @ turn.T + at).min() < self.rig.clear_m)
 
     def floor_m(self, x: float, y: float) -> float:
         """Return the height of the floor at a point: 0, or the height of a raised part such as a pavement."""

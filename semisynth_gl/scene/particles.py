@@ -19,8 +19,9 @@ from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import DepthLayerSection, ParticlesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.relief import sample_scales
+from semisynth_gl.geometry.rotations import rotations_about, rotations_from_quaternions
 from semisynth_gl.scene import Bools, Floats, Ints
-from semisynth_gl.scene.rig import SequenceRig, rotation_about_axis, rotation_from_quaternion
+from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.view_volume import VerticalExtent, clear_depth_m, vertical_extent
 
 _QUANTILES = (np.arange(64) + 0.5) / 64
@@ -150,16 +151,12 @@ def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
 
 
 def sample_slots(
-    rig: SequenceRig,
-    section: ParticlesSection,
-    batches: Sequence[ParticleBatch],
-    rng: np.random.Generator,
-    relief_px: float = np.inf,
+    rig: SequenceRig, section: ParticlesSection, batches: Sequence[ParticleBatch], rng: np.random.Generator
 ) -> ParticleSlots:
     """Sample the slots of one sequence, one for each particle of the batches.
 
     If all batches together have more than ``section.most`` particles, they are reduced in proportion. Models whose
-    radius along the viewing axis would exceed ``relief_px`` are flattened.
+    radius along the viewing axis would exceed ``rig.relief_px`` are flattened.
     """
     camera = rig.camera
     counts = np.array([batch.number for batch in batches], np.int64)
@@ -181,9 +178,9 @@ def sample_slots(
     path = (view.bottom - view.top) * depth + sum(view.secants) * (radius_m + view.reach_m)
     width = _release_width_px(camera, disparity, radius)
     aside = np.hypot(width * depth / camera.focal_px, path) * (1 + section.drift.high)
-    flatness = np.minimum(relief_px / radius, 1.0)
+    flatness = np.minimum(rig.relief_px / radius, 1.0)
     nearer = depth - clear_depth_m(rig, radius_m * flatness, aside)
-    nearer = np.minimum(nearer, relief_px * depth / camera.focal_px)
+    nearer = np.minimum(nearer, rig.relief_px * depth / camera.focal_px)
     return ParticleSlots(depth, disparity, radius, flatness, path / speed, phase, path, nearer, view)
 
 
@@ -237,7 +234,7 @@ def particle_poses(
         centre[k, 1] = begin + age[k] * (end - begin)
         centre[k, 2] = slots.depth_m[k] + (age[k] - 0.5) * away_m
         angle = start.spin_rad_s[k] * age[k] * slots.period_s[k]
-        rotation = rotation_about_axis(start.axis[k], angle) @ rotation_from_quaternion(start.quaternion[k])
+        rotation = rotations_about(start.axis[k], angle) @ rotations_from_quaternions(start.quaternion[k])
         matrix[k, :3, :3] = rotation * (start.scale[k] * radius_m[k, None])[:, None, :]
     # Flatten along the axis of the camera without its sway: a model must not change its shape as the camera moves.
     matrix[:, 2, :3] *= slots.flatness[:, None]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from semisynth_gl.config.rig_sections import ProjectorSection
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import expanded
-from semisynth_gl.scene.rig import own_from_outer
+from semisynth_gl.scene.rig import local_from_parent
 from semisynth_gl.scene.scene import Projector
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import to_grey
@@ -24,7 +24,7 @@ def sample_projector(section: ProjectorSection, rng: np.random.Generator) -> Pro
     turn_rad = np.deg2rad([each.sample(rng) for each in section.turn_deg])
     power, ambient = section.power.sample(rng), section.ambient.sample(rng)
     return Projector(
-        own_from_outer(position_m, turn_rad), section.pattern_width_px / 2 / math.tan(width_rad / 2), power, ambient
+        local_from_parent(position_m, turn_rad), section.pattern_width_px / 2 / math.tan(width_rad / 2), power, ambient
     )
 
 

@@ -1,4 +1,4 @@
-"""The rig of one sequence: its stereo cameras and their sway; and rotation matrices.
+"""The rig of one sequence: its stereo cameras, their near plane and their sway.
 
 The sway is a bounded function of time, so any frame can be rendered first, and walls can keep clear of the camera.
 """
@@ -11,6 +11,7 @@ import numpy as np
 from semisynth_gl.config import Config, Range
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
 from semisynth_gl.frame.camera import RECTIFIED, CameraDeviation, StereoCamera
+from semisynth_gl.geometry.rotations import rotations_about
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
 from semisynth_gl.seeds.seeds import Purpose
@@ -20,12 +21,12 @@ _ALONG_BORDER = 129
 # Number of steps in the search for the near plane of a camera that deviates.
 _STEPS = 8
 
-# In a very narrow range of disparities, a model's radius along the viewing axis is at most this share of the range's
-# depth. So the mean of a dataset comes as near to its target as in a wide range.
+# In a narrow range of disparities, a model's radius along the viewing axis is at most about this share of the range's
+# depth. A larger model would spread over many of the range's disparities.
 _RELIEF = 0.1
 
 BEYOND_NEAR = 1.01
-"""Walls are at least this many times as deep as the near plane, so that no rounded disparity is above max_px."""
+"""`SequenceRig.clear_m` over the depth of the near plane."""
 
 
 def sample_cameras(section: CameraSection, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
@@ -54,12 +55,12 @@ def sample_cameras(section: CameraSection, rng: np.random.Generator) -> tuple[St
     intrinsics = focal_px, baselines_m[0], cx_left_px, cx_right_px, cy_px
     camera = StereoCamera(section.width_px, section.height_px, *intrinsics, fy_over_fx=section.fy_over_fx)
 
-    def centre_px(baseline_m: float) -> float:
+    def cx_of(baseline_m: float) -> float:
         if baseline_m == max(baselines_m) or section.cx_right_px is not None:
             return cx_right_px
         return cx_left_px + baseline_m / max(baselines_m) * camera.doffs_px
 
-    return tuple(replace(camera, baseline_m=each_m, cx_right_px=centre_px(each_m)) for each_m in baselines_m)
+    return tuple(replace(camera, baseline_m=each_m, cx_right_px=cx_of(each_m)) for each_m in baselines_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +92,7 @@ class Sway:
         if not self.moves:
             return np.eye(4)
         swing = np.sin(2 * np.pi * time_s / self.period_s + self.phase_rad)
-        return own_from_outer(self.shift_m * swing[:3], self.turn_rad * swing[3:])
+        return local_from_parent(self.shift_m * swing[:3], self.turn_rad * swing[3:])
 
 
 NO_SWAY = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
@@ -103,8 +104,21 @@ class SequenceRig:
     """The cameras of a sequence, the near plane that nothing may cross, and the sway."""
 
     views: tuple[StereoCamera, ...]  # the camera of each right view; the cameras differ only in the right eye
-    near_m: float = 0.0  # depth of the near plane; everything must stay beyond it
+    near_m: float = 0.0  # depth of the near plane
     sway: Sway = NO_SWAY
+    relief_px: float = np.inf  # maximum radius of models along the viewing axis, px of the image at their own depth
+
+    @classmethod
+    def within(cls, section: DisparitySection, views: tuple[StereoCamera, ...], sway: Sway = NO_SWAY) -> "SequenceRig":
+        """Return a rig whose near plane and maximum relief follow from a range of disparities; see `near_depth_m`."""
+        rig = cls(views, sway=sway)
+        near_m = near_depth_m(rig.camera, section)
+        return replace(rig, near_m=near_m, relief_px=_relief_px(rig.camera, section.min_px, near_m))
+
+    @property
+    def clear_m(self) -> float:
+        """Minimum depth of walls and static models; at the near plane, rounding might take a disparity above max_px."""
+        return BEYOND_NEAR * self.near_m
 
     @property
     def camera(self) -> StereoCamera:
@@ -125,8 +139,7 @@ def sample_rig(config: Config, generator_for: Callable[[Purpose], np.random.Gene
         deviation = CameraDeviation(roll, pitch, section.right_y_px.sample(rng), section.focal_ratio.sample(rng))
         twins = (deviation, RECTIFIED) if section.twin else (deviation,)
         views = tuple(replace(view, deviation=each) for view in views for each in twins)
-    rig = SequenceRig(views, sway=sample_sway(config.camera, generator_for(Purpose.SWAY)))
-    return replace(rig, near_m=near_depth_m(rig.camera, config.disparity))
+    return SequenceRig.within(config.disparity, views, sample_sway(config.camera, generator_for(Purpose.SWAY)))
 
 
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
@@ -150,12 +163,8 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     return max(depth_m, plane_m)
 
 
-def relief_px(camera: StereoCamera, min_px: float, near_m: float) -> float:
-    """Return the maximum radius of models along the viewing axis, px of the image at their own depth.
-
-    In a narrow range of disparities, models as deep as they are wide would not fit between ``min_px`` and the near
-    plane, or would spread over all disparities. The limit is inf if the depth of ``min_px`` is at least 2 ``near_m``.
-    """
+def _relief_px(camera: StereoCamera, min_px: float, near_m: float) -> float:
+    """Return `SequenceRig.relief_px`; inf if the depth of ``min_px`` is at least 2 ``near_m``."""
     deeper = max(float(camera.depth_m(min_px)) / near_m - 1, 0.0)
     return _RELIEF * camera.focal_px * deeper / (1 - deeper) if deeper < 1 else np.inf
 
@@ -194,28 +203,11 @@ def sample_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
     )
 
 
-def own_from_outer(position_m: Floats, turn_rad: Floats) -> Floats:
-    """Return own_from_outer, (4, 4), of something at a position (3,), turned by a rotation vector (3,)."""
+def local_from_parent(position_m: Floats, turn_rad: Floats) -> Floats:
+    """Return the transform (4, 4) into the frame of a body, from the frame of its position and rotation vector (3,)."""
     pose = np.eye(4)
     angle = float(np.linalg.norm(turn_rad))
     if angle > 0:
-        pose[:3, :3] = rotation_about_axis(turn_rad[None] / angle, np.array([-angle]))[0]
+        pose[:3, :3] = rotations_about(turn_rad[None] / angle, np.array([-angle]))[0]
     pose[:3, 3] = -pose[:3, :3] @ position_m
     return pose
-
-
-def rotation_from_quaternion(quaternion: Floats) -> Floats:
-    """Return the rotation matrices (N, 3, 3) of unit quaternions (N, 4), x y z w."""
-    x, y, z, w = quaternion.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
-
-
-def rotation_about_axis(axis: Floats, angle_rad: Floats) -> Floats:
-    """Return the rotation matrices (N, 3, 3) about unit axes (N, 3) by angles (N,), right-handed."""
-    half = angle_rad / 2
-    return rotation_from_quaternion(np.concatenate([axis * np.sin(half)[:, None], np.cos(half)[:, None]], axis=1))

@@ -9,7 +9,7 @@ from semisynth_gl.scene.background import sample_wall_px
 from semisynth_gl.scene.catalogue import DOORWAY_HOLES, DOORWAYS, NICHE_HOLES, NICHES, Corner, ModelCatalogue
 from semisynth_gl.scene.floor_scene import FloorSceneBuilder, Wall, camera_over_floor
 from semisynth_gl.scene.furnishing import fill_niche, furnish
-from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
+from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.view_volume import corner_rays, deepest_m, fit_box
 
 # Range of the far wall's depth, metres, in rooms of true size; with a nearer or farther wall, the room is scaled.
@@ -31,7 +31,7 @@ def sample_room(
     wall_px = sample_wall_px(config, camera, rng)
     wall_m = float(camera.depth_m(wall_px))
     # Walls must keep clear of the near plane, even if a large doffs leaves hardly any depths between min_px and max_px.
-    farthest_m = max(float(camera.depth_m(min(wall_px, config.disparity.min_px))), BEYOND_NEAR * rig.near_m)
+    farthest_m = max(float(camera.depth_m(min(wall_px, config.disparity.min_px))), rig.clear_m)
     metre = wall_m / float(np.clip(wall_m, _TRUE.low, _TRUE.high))
     height = section.camera_height_m.sample(rng) * metre
     row = section.floor_row.sample(rng) * camera.height_px - 0.5

@@ -17,7 +17,6 @@ from semisynth_gl.scene.instances import INSTANCE, Instances, PatchMapping, choo
 from semisynth_gl.scene.particles import ParticleStart, particle_poses, sample_slots, sample_start
 from semisynth_gl.scene.projector import sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
-from semisynth_gl.scene.rig import relief_px
 from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.scene.static_scene import sample_static_scene
 from semisynth_gl.scene.view_volume import clear_depth_m
@@ -87,8 +86,7 @@ class SceneSequence:
         rig, rng = static.rig, self._generator(Purpose.PARTICLES, 0)
         # A repeated attempt uses the layers' quantiles of a sequence number that no dataset reaches.
         batches = sampler.disparity_solver.sample(number + _REDONE * attempt, rig.camera, static.bare_px, rng)
-        most_px = relief_px(rig.camera, config.disparity.min_px, rig.near_m)
-        self.slots = sample_slots(rig, config.particles, batches, rng, most_px)
+        self.slots = sample_slots(rig, config.particles, batches, rng)
         section = config.projector
         self.projector = None if section is None else sample_projector(section, self._generator(Purpose.PROJECTOR))
         self.slots = replace(self.slots, resting=self._resting())

@@ -143,6 +143,6 @@ def _sample_panel(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     begin = np.zeros(3) if curved else -(matrix[:3, 0] + matrix[:3, 1]) / 2
     matrix[:3, 3] = begin
     nearest = float(placed_vertices(model, matrix)[:, 2].min())
-    depth = max(depth, BEYOND_NEAR * rig.near_m - nearest)
+    depth = max(depth, rig.clear_m - nearest)
     matrix[:3, 3] = begin + camera.rays("left", np.array(x), np.array(y)) * depth
     return model, matrix

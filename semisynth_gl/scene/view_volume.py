@@ -1,6 +1,6 @@
 """The space that both views show at any moment of the sway: how near walls may stand, and how deep views see."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 from semisynth_gl.frame.camera import EYES, RECTIFIED, Eye, StereoCamera
 from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
+from semisynth_gl.scene.rig import SequenceRig
 
 WIDEST_RAD = np.deg2rad(85).item()
 """Maximum angle of a ray to the optical axis at any moment of the sway; wider views are treated as unbounded."""
@@ -24,21 +24,14 @@ _TURNED_BACK = (1.0, 0.5, 0.25, 0.0)
 _ROUNDING = 1e-9
 
 
-def corner_rays(camera: StereoCamera, *eyes: Eye) -> Floats:
-    """Return rays (R, 3) through the corners of the views of ``eyes``, by default both; see `_corner_rays`."""
-    return np.concatenate([rays for eye, rays in _corner_rays(camera) if not eyes or eye in eyes])
-
-
-def _corner_rays(camera: StereoCamera) -> Iterator[tuple[Eye, Floats]]:
-    """Yield each view's eye, and rays (4, 3) through the view's corners in order around the border.
+def corner_rays(camera: StereoCamera, eyes: Sequence[Eye] = EYES) -> Floats:
+    """Return rays (4 V, 3) through the corners of the views of ``eyes``, four for each view in order around its border.
 
     If the right camera deviates, the views of its rectified twin are included, since both pairs may show the scene.
     """
     x, y = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]).T * [[camera.width_px], [camera.height_px]] - 0.5
     twins = (camera,) if camera.rectified else (camera, replace(camera, deviation=RECTIFIED))
-    for eye in EYES:
-        for twin in twins:
-            yield eye, twin.rays(eye, x, y)
+    return np.concatenate([twin.rays(eye, x, y) for eye in eyes for twin in twins])
 
 
 def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
@@ -55,13 +48,13 @@ def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
     for eye in EYES:
         shift = normal[:, 0] * camera.offset_m(eye) + _reach_m(rig, eye)
         inside = shift + 0.05 * rig.near_m
-        rays = corner_rays(camera, eye)
+        rays = corner_rays(camera, [eye])
         towards = rays @ normal.T
         if angle_rad > 0:
             length = np.linalg.norm(rays, axis=1, keepdims=True)
             between = np.arccos(np.clip(towards / length, -1, 1))
             towards = length * np.cos(np.maximum(between - angle_rad, 0))
-        beyond = shift + BEYOND_NEAR * rig.near_m * towards.max(axis=0)
+        beyond = shift + rig.clear_m * towards.max(axis=0)
         smallest = np.maximum(smallest, np.maximum(inside, beyond))
     return smallest
 
@@ -73,7 +66,8 @@ def deepest_m(rig: SequenceRig, faces: Floats) -> float:
     the left camera's frame without its sway.
     """
     camera, sway, largest = rig.camera, rig.sway, 0.0
-    for eye, rays in _corner_rays(camera):
+    views = [(eye, rays) for eye in EYES for rays in corner_rays(camera, [eye]).reshape(-1, 4, 3)]
+    for eye, rays in views:
         inwards = _inwards(rays, sway.angle_rad)
         # Points p of the view have at least this normal . p for each of the view's sides.
         least = inwards[:, 0] * camera.offset_m(eye) - _reach_m(rig, eye)

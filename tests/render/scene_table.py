@@ -12,7 +12,7 @@ from tiny_datasets import lean
 from semisynth_gl.frame.camera import CameraDeviation, StereoCamera
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.scene.rig import rotation_about_axis
+from semisynth_gl.geometry.rotations import rotations_about
 from semisynth_gl.scene.scene import Motion, Scene, make_scene, move
 
 CAMERA = StereoCamera(120, 90, 132.0, 0.2, 57.0, 63.0, 42.0)
@@ -108,13 +108,13 @@ def wall(camera, depth_m):
 def case(scene, own=None, *, away_m=0.02, turn_rad=0.02, **bounds):
     """Let each instance and the camera move."""
     rng, number = np.random.default_rng(1), len(scene)
-    turns = rotation_about_axis(np.tile([0.0, 0.6, 0.8], (number, 1)), rng.uniform(-0.05, 0.05, number))
+    turns = rotations_about(np.tile([0.0, 0.6, 0.8], (number, 1)), rng.uniform(-0.05, 0.05, number))
     moved = scene.world_from_model.copy()
     centre = moved[:, :3, 3].copy()
     moved[:, :3] = turns @ moved[:, :3]
     moved[:, :3, 3] = centre + rng.uniform(-away_m, away_m, (number, 3))
     moved[scene.sky] = scene.world_from_model[scene.sky]
-    turn = rotation_about_axis(np.array([[0.0, 0.8, 0.6]]), np.array([turn_rad]))[0]
+    turn = rotations_about(np.array([[0.0, 0.8, 0.6]]), np.array([turn_rad]))[0]
     swayed = posed(turn, (away_m / 2, -away_m / 3, away_m / 2)) @ scene.camera_from_world
     then = move(scene, world_from_model=moved, camera_from_world=swayed)
     back = scene.camera_from_world @ np.linalg.inv(swayed)
@@ -157,7 +157,7 @@ def _rods():
     """Rods thinner than a pixel."""
     rng, instances = np.random.default_rng(0), [(0, wall(CAMERA, 4.0))]
     for k in range(60):
-        turn = rotation_about_axis(np.array([[0.0, 0, 1]]), rng.uniform(0, np.pi, 1))[0]
+        turn = rotations_about(np.array([[0.0, 0, 1]]), rng.uniform(0, np.pi, 1))[0]
         instances.append((ROD, placed(turn, 1.0, [rng.uniform(-0.8, 0.8), rng.uniform(-0.5, 0.5), 1.5 + k / 100])))
     return case(of(CAMERA, instances), seen=0.92, exact=0.9, thin=True)
 

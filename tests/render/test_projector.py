@@ -15,13 +15,13 @@ from semisynth_gl.config.rig_sections import ProjectorSection
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.camera import EYES, CameraDeviation, Crop, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.geometry.rotations import rotations_about
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.oracle import normals as normals_of
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.projector import find_pattern, sample_projector
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import rotation_about_axis
 from semisynth_gl.scene.scene import Projector, make_scene
 
 CAMERA = StereoCamera(120, 90, 112.0, 0.1, 58.0, 63.0, 43.5)
@@ -34,7 +34,7 @@ SLOPES = np.add.outer(*(np.abs(np.arange(size) * 8 % 256 - 128) for size in FULL
 def projector(position_m=(0.05, 0.02, 0.0), turn_rad=(0.0, 0.0, 0.0), **values):
     turn = np.array(turn_rad)
     angle = max(np.linalg.norm(turn), 1e-12)
-    rotation = rotation_about_axis(turn[None] / angle, np.array([-angle]))[0]
+    rotation = rotations_about(turn[None] / angle, np.array([-angle]))[0]
     return Projector(
         posed(rotation, -rotation @ position_m), **{"focal_px": 68.0, "power": 1.2, "ambient": 0.2} | values
     )
@@ -42,7 +42,7 @@ def projector(position_m=(0.05, 0.02, 0.0), turn_rad=(0.0, 0.0, 0.0), **values):
 
 def plane(depth_m=1.5, tilt_rad=0.0, camera=CAMERA, **scene):
     """A wall that fills both views, turned about the vertical."""
-    turn = rotation_about_axis(np.array([[0.0, 1.0, 0.0]]), np.array([tilt_rad]))[0] * 40 * depth_m
+    turn = rotations_about(np.array([[0.0, 1.0, 0.0]]), np.array([tilt_rad]))[0] * 40 * depth_m
     return one_model(camera, [posed(turn, turn @ [-0.5, -0.5, 0] + [0, 0, depth_m])], **scene)
 
 
@@ -214,7 +214,7 @@ def test_outlines_have_the_light_of_many_samples(grey):
     layers = WHITE[..., 0] if grey else WHITE
     corners = np.array([[-0.31, -0.22, 0], [0.33, -0.17, 0], [0.12, 0.36, 0]])
     triangle = make_mesh("triangle", corners, corners[:, :2], [[0, 1, 2]])
-    turned = posed(rotation_about_axis(np.array([[0.6, 0.8, 0.0]]), np.array([0.9]))[0], (0.02, 0.03, 1.0))
+    turned = posed(rotations_about(np.array([[0.6, 0.8, 0.0]]), np.array([0.9]))[0], (0.02, 0.03, 1.0))
     poses = plane(3.0).world_from_model[0], turned
     for eye in EYES:
         light = projector(position_m=(CAMERA.offset_m(eye), 0, 0), power=1.5, ambient=0.1)

@@ -24,6 +24,7 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
 from semisynth_gl.scene.disparity_solver import poisson_counts
 from semisynth_gl.scene.particles import ParticleSizes, expected_cover
+from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.seeds.splits import Split
 
 CAMERA = StereoCamera.centred(600, 400, 700.0, 0.2)
@@ -197,16 +198,17 @@ def test_particles_show_their_fronts():
     layers = DepthLayers(np.array([80.0]), np.array([80.0]))
     edges = np.array([79.0, 90.0, 100.0])
     sizes = ParticleSizes(280.0, 280.0)
-    found = layers.exceedance(edges, CAMERA, still, sizes, heights, 0.1)[0]
+    found = layers.exceedance(edges, SequenceRig((CAMERA,), 0.1), still, sizes, heights)[0]
     height = np.sqrt(np.random.default_rng(3).random(100_000))
     shown = 80 / (1 - height * 140 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
     # Flattened to a relief of 70 px.
-    found = layers.exceedance(edges, CAMERA, still, sizes, heights, 0.1, 70.0)[0]
+    flat = SequenceRig((CAMERA,), 0.1, relief_px=70.0)
+    found = layers.exceedance(edges, flat, still, sizes, heights)[0]
     shown = 80 / (1 - height * 70 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
     # The depth of 80 px less a radius lies beyond no near plane of 1.6 m.
-    assert layers.exceedance(edges, CAMERA, still, sizes, heights, 1.6)[0].tolist() == [0, 0, 0]
+    assert layers.exceedance(edges, SequenceRig((CAMERA,), 1.6), still, sizes, heights)[0].tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize(("density", "factor"), [("sparse", 1 / 3), ("dense", 3)])

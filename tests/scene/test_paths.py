@@ -31,10 +31,10 @@ def rigs(draw):
     return replace(rig, sway=sway) if draw(st.booleans()) else rig
 
 
-def slots_of(rig, section, *ranges, count=COUNT, relief_px=np.inf, seed=2):
+def slots_of(rig, section, *ranges, count=COUNT, seed=2):
     """The slots of a number of particles in each range of disparity, and a release for each generation."""
     batches = [ParticleBatch(Range(*ends), count, stated_sizes(section)) for ends in ranges]
-    slots = sample_slots(rig, section, batches, np.random.default_rng(seed), relief_px)
+    slots = sample_slots(rig, section, batches, np.random.default_rng(seed))
     return slots, lambda number: sample_start(rig.camera, section, slots, np.random.default_rng([3, number]))
 
 
@@ -49,9 +49,9 @@ def poses_at(slots, release, time_s):
 @settings(max_examples=100)
 @given(rigs(), st.floats(0, 1.5), st.floats(0, 1), st.floats(0.5, 50) | st.just(np.inf), st.integers(0, 1000))
 def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed):
-    camera, rng = rig.camera, np.random.default_rng(seed)
+    camera, rng, rig = rig.camera, np.random.default_rng(seed), replace(rig, relief_px=relief_px)
     section = ParticlesSection(drift=Range(drift, 2 * drift), size_px=Range(5, 5 + size * camera.width_px))
-    slots, release = slots_of(rig, section, (1.0, 0.5 * camera.width_px), relief_px=relief_px, seed=seed)
+    slots, release = slots_of(rig, section, (1.0, 0.5 * camera.width_px), seed=seed)
     assert (slots.flatness * slots.radius_px <= relief_px * (1 + 1e-9)).all()
 
     def seen(age, time_s):
