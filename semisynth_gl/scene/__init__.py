@@ -1,4 +1,4 @@
-"""Samples the scene of pair i from (config, seed, i), and the sources that all scenes share; no OpenGL."""
+"""Samples the scene of pair i from (config, seed, i), and prepares the models and patches of all scenes; no OpenGL."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Samples backgrounds that fill the view: the inside of a cuboid, or one far plane. Both consist of flat faces."""
+"""Samples the kind of a scene's background, and the simple backgrounds: the inside of a cuboid, or one far plane."""
 
 from typing import Literal, get_args
 
@@ -13,20 +13,20 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.instances import Instances, new_instances
 from semisynth_gl.scene.left_view import grid_px
-from semisynth_gl.scene.rig import SequenceRig, check_reachable
+from semisynth_gl.scene.rig import SequenceRig, check_has_depth
 from semisynth_gl.scene.view_volume import WIDEST_RAD, corner_rays, fit_box, smallest_offsets
 
-# Range of the positions of side walls: 0 is the nearest allowed position, 1 the edge of the view.
+# Range of the positions of side walls: 0 is as near as possible, and 1 is at the edge of the view.
 _SIDE_WALL = Range(0.3, 1.1)
-# Walls overlap at their edges by this share of their size: without overlap, float32 would leave gaps.
+# Walls overlap at their edges by this share of their size; otherwise float32 would leave gaps.
 OVERLAP = 1e-4
 
-Kind = Literal["cuboid", "plane", "room", "street"]
+BackgroundKind = Literal["cuboid", "plane", "room", "street"]
 
 
-def sample_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
+def sample_kind(section: BackgroundSection, rng: np.random.Generator) -> BackgroundKind:
     """Sample the kind of one sequence's background by the config's weights."""
-    kinds: tuple[Kind, ...] = get_args(Kind)
+    kinds: tuple[BackgroundKind, ...] = get_args(BackgroundKind)
     weights = np.cumsum([getattr(section, kind) for kind in kinds])
     return kinds[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
 
@@ -34,18 +34,18 @@ def sample_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
 def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, sky: bool = False) -> Instances:
     """Sample a far plane that fills both views at any moment of the sway; return a table of one row.
 
-    As ``sky`` the plane is infinitely far away; ``depth_m`` then sets only the scale of the texture, and the depth at
-    which the ground ends. Raises InputError if disparity + doffs is not positive, or if the sway would need an infinite
-    plane.
+    With ``sky`` the plane is infinitely far away. Its ``depth_m`` then only scales the texture, and is the depth at
+    which the ground ends. Raises InputError if disparity + doffs is not positive, or if a plane that fills the swaying
+    view would be infinite.
     """
     camera, sway = rig.camera, rig.sway
     disparity_px = config.background.plane_disparity_px.sample(rng)
-    check_reachable(camera, disparity_px, "background.plane_disparity_px")
+    check_has_depth(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
     rays = corner_rays(camera)
     if sway.moves:
         aside = abs(camera.offset_m("right")) + sway.reach_m
-        # Maximum angle between a ray and the plane's normal.
+        # Largest angle between a ray and the plane's normal.
         widest = float(np.arctan2(np.linalg.norm(rays[:, :2], axis=1), rays[:, 2]).max()) + sway.angle_rad
         if widest >= WIDEST_RAD:
             raise InputError(
@@ -54,12 +54,13 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
                 "background.plane and background.street to 0"
             )
         if not sky and not config.disparity.signed:
-            # The plane's disparity must never fall below half of what was sampled, so its depth must not exceed `most`.
-            # Both views see the plane up to half = (depth + aside) tan(widest) + aside from the axis. If the camera
-            # turns, the depth of such a point in the view grows to at most depth + half sin(angle_rad) + reach_m.
-            most, deepens = float(camera.depth_m(disparity_px / 2)), np.tan(widest) * np.sin(sway.angle_rad)
-            depth = min(depth, (most - sway.reach_m - aside * (deepens + np.sin(sway.angle_rad))) / (1 + deepens))
-        # With a large doffs the plane may be so near that the camera would sway into it.
+            # The plane's disparity must stay above half of the sampled disparity, so its depth in the view must stay
+            # below `most_m`. Both views show the plane up to the distance  half = (depth + aside) tan(widest) + aside
+            # from the axis. A camera that turns sees such a point at a depth of up to  depth + half sin(angle) + reach.
+            most_m, sine = float(camera.depth_m(disparity_px / 2)), np.sin(sway.angle_rad)
+            growth = np.tan(widest) * sine
+            depth = min(depth, (most_m - sway.reach_m - aside * (growth + sine)) / (1 + growth))
+        # With a large doffs, the plane may be so near that the camera would sway into it.
         depth = max(depth, float(smallest_offsets(rig, np.array([[0.0, 0.0, 1.0]]))[0]))
     corners = _corner_points(camera, depth)
     if sky:
@@ -77,12 +78,12 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
 
 
 def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) -> tuple[Instances, Floats]:
-    """Sample the inside of a cuboid in which both cameras stand.
+    """Sample the inside of a cuboid around both cameras.
 
     Returns a table of six rows, and the depths (R,) that the left view shows at the points of `grid_px`. The rows are
     the walls in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras) of the cuboid's axes. A wall's
-    ``depth_m`` is its median depth in the left view; a hidden wall has the sampled depth. Raises InputError as
-    `sample_wall_px` does.
+    ``depth_m`` is its median depth in the left view. For a wall that the view does not show, it is the sampled depth of
+    the back wall. Raises InputError as `sample_wall_px` does.
     """
     camera, turn = rig.camera, np.deg2rad(config.background.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)
@@ -91,22 +92,22 @@ def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     fraction = _SIDE_WALL.sample_many(rng, 4)
     centre_ray = camera.rays("left", np.array((camera.width_px - 1) / 2), np.array((camera.height_px - 1) / 2))
 
-    def axes_of(share: float) -> Floats:
-        return np.asarray(pyrr.matrix33.create_from_eulers(share * angles), np.float64).T
+    def axes_of(factor: float) -> Floats:
+        return np.asarray(pyrr.matrix33.create_from_eulers(factor * angles), np.float64).T
 
     def offsets_m(normal: Floats, smallest_m: Floats) -> Floats:
         offset = np.full(6, 0.5 * wall_m)
         reach = (_corner_points(camera, wall_m) @ normal.T).max(axis=0)
         offset[:4] = smallest_m[:4] + fraction * np.maximum(reach[:4] - smallest_m[:4], 0)
         offset[4] = wall_m * max(float(normal[4] @ centre_ray), 0.1)
-        # Where the turn allows it, the back wall's farthest corner has at least min_px, even if side walls hide it.
+        # If the back wall faces all corner rays, its farthest corner has at least min_px, even if side walls hide it.
         steepest = float((corner_rays(camera) @ normal[4]).min())
         if steepest > 0:
             offset[4] = min(offset[4], farthest_m * steepest)
         return offset
 
-    share, offset = fit_box(rig, axes_of, offsets_m, farthest_m)
-    axes = axes_of(share)
+    factor, offset = fit_box(rig, axes_of, offsets_m, farthest_m)
+    axes = axes_of(factor)
     world_from_face, size = np.tile(np.eye(4), (6, 1, 1)), np.empty((6, 2))
     for face in range(6):
         # Walls 2 k and 2 k + 1 lie at +offset and -offset on axis k, and extend along the other two axes, i and j.
@@ -128,10 +129,10 @@ def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
 
 
 def sample_wall_px(config: Config, camera: StereoCamera, rng: np.random.Generator) -> float:
-    """Sample the far wall's disparity at the image's centre; raise InputError if disparity + doffs is not positive."""
+    """Sample the back wall's disparity at the image's centre; raise InputError if disparity + doffs is not positive."""
     least_px = config.disparity.min_px
     wall_px = (config.background.wall_disparity_px or Range(least_px, least_px)).sample(rng)
-    check_reachable(camera, wall_px, "background.wall_disparity_px")
+    check_has_depth(camera, wall_px, "background.wall_disparity_px")
     return wall_px
 
 
@@ -144,11 +145,11 @@ def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
 def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floats, offset_m: float) -> Floats:
     """Return the pose (4, 4), in the left camera's frame, with which the model `GROUND` covers a range of depths.
 
-    The unit vectors ``across`` and ``along``, (3,) each, lie in the ground and point right and ahead. ``offset_m`` is
-    the ground's distance from the left camera.
+    The unit vectors ``across`` and ``along``, (3,) each, are parallel to the ground and point right and ahead.
+    ``offset_m`` is the ground's distance from the left camera.
     """
     down = cross(along, across)
-    # The wedge's tip is so far behind the cameras that both views fit between the wedge's sides.
+    # The wedge's tip is so far behind the cameras that the wedge fills the width of both views.
     widest = float(np.abs(corner_rays(camera)[:, 0]).max()) * 1.1
     behind = abs(camera.offset_m("right")) / widest + 0.5 * depth_m.low
     length = behind + 1.05 * depth_m.high

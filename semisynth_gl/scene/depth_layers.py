@@ -2,10 +2,10 @@
 
 The Boolean model. Particles are thrown independently, so the number of a layer's particles that cover a given pixel has
 a Poisson distribution. Its mean, the coverage lambda_k of layer k, is the sum of the particles' areas over the area of
-the region into which they are thrown. Of the particles of layer k that cover a pixel, let each show d px or more with
-probability S_k(d). The number that do is again Poisson, with mean lambda_k S_k(d), and is 0 with the probability
-exp(-lambda_k S_k(d)). With F_bare(d) for the share of the view below d before particles are thrown, the share of the
-view below d is
+the region into which they are thrown. A particle of layer k that covers a pixel shows at least d px there with the
+probability S_k(d). The number of particles that show at least d px at a pixel has a Poisson distribution with the mean
+lambda_k S_k(d), and is 0 with the probability exp(-lambda_k S_k(d)). If F_bare(d) is the share of pixels below d
+without particles, the share of pixels below d is
 
     F(d) = F_bare(d) * product over k of exp(-lambda_k S_k(d)).                                                  (1)
 
@@ -15,11 +15,11 @@ The fit. The logarithm of (1) is linear in the lambdas. With the wanted F at the
 
 Particles have depth and drift, so S_k is not a step at the layer's edge, and (2) couples all layers. The K unknowns of
 (2) have limits, 0 <= least <= lambda <= 4, so (2) is solved by weighted least squares. An error e of log F is an error
-F e of F, hence each equation has the weight F(d_j)^2. The first solution uses the wanted F. The second solution uses
-the larger of the wanted F and the F of the first solution.
+F e of F, hence each equation has the weight F(d_j)^2. (2) is solved twice: first with the weights of the wanted F, then
+with the weights of the larger of the wanted F and the F of the first solution.
 
-One particle. The middle of its path lies at the depth Z, m, with the disparity d = f B / Z - doffs. A point at the
-depth z Z has the disparity
+One particle. The middle of its path has the depth Z, m, and the disparity d = f B / Z - doffs. A point at the depth z Z
+has the disparity
 
     d' = (d + doffs) / z - doffs.                                                                                (3)
 
@@ -28,8 +28,8 @@ to 1, and let the particle have a radius of r px. A surface point h radii in fro
 
     z = 1 + (t - 1/2) a / f - h r / f.                                                                           (4)
 
-S_k(d) is the mean of [d' >= d] over particles, weighted by their area r^2. It is computed from 128 points that are
-spread evenly over (d, r, h, speed of the drift, heading, t).
+S_k(d) is the share of particles with d' >= d, weighted by their area r^2. It is computed from 128 points that are
+spread evenly over (d, r, h, speed of the drift, heading of the drift, t).
 """
 
 from dataclasses import dataclass
@@ -46,11 +46,10 @@ from semisynth_gl.scene.rig import SequenceRig
 _MOST_LAYERS = 48
 # Maximum mean coverage of a layer; at this coverage, particles cover 98 % of the pixels.
 _DENSEST = 4.0
-# A wanted share of pixels below an edge is raised to at least this value.
-_LEAST_OPEN = 0.01
-# Iterations of the solver.
-_ROUNDS = 200
-# Points over which the probabilities of a particle are averaged.
+# Smallest wanted F; smaller values are raised to this value.
+_LEAST_BELOW = 0.01
+_ITERATIONS = 200
+# Number of points from which S is computed.
 _SAMPLES = 128
 
 
@@ -79,12 +78,12 @@ class DepthLayers:
     ) -> Floats:
         """Return S_k(d) of the module's text, (K, J): the probability that a pixel of a particle shows at least d.
 
-        Particles that come too near to the near plane are not rendered, and show nothing: their S_k is 0.
+        Particles that would reach the near plane even without drift are not rendered, and add nothing to S_k.
 
         Args:
             edges_px: (J,) the disparities d.
             rig: the cameras, without sway.
-            drift: speed aside and in depth, in units of the speed downwards.
+            drift: horizontal speed, in units of the speed downwards.
             sizes: the particles' diameters.
             heights: the models' mean relief h, in radii, see `MeanModelRelief`.
         """
@@ -94,29 +93,30 @@ class DepthLayers:
         relief = np.minimum(radius, rig.relief_px)
         height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
         speed = drift.low + (drift.high - drift.low) * where[:, 3]
-        # The drift in depth has the heading pi w, the drift sideways 2 pi w, for w from 0 to 1. Each has the
-        # distribution of all headings, but they do not belong together. ``age`` is t - 1/2: 0 in mid-path.
+        # For w uniform in [0, 1), cos(pi w) has the distribution of the cosine of a random heading, and sin(2 pi w) has
+        # that of its sine, but the two do not belong to one heading. ``age`` is t - 1/2.
         path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
-        # Depths are in units of Z from here on. A model reaches relief / f in front of its centre. Its drift in depth
-        # is limited so that it stays beyond the near plane, as in `particle_poses`.
-        room = 1 - relief / camera.focal_px - rig.near_m / camera.depth_m(disparity)
-        nearest = 2 * np.clip(room, 0.0, rig.relief_px / camera.focal_px)
+        # Depths are in units of Z from here on. A model's front is relief / f nearer than its centre. The drift in
+        # depth is limited so that the model stays beyond the near plane, as in `particle_poses`.
+        free = 1 - relief / camera.focal_px - rig.near_m / camera.depth_m(disparity)
+        nearest = 2 * np.clip(free, 0.0, rig.relief_px / camera.focal_px)
         depth = 1 + age * np.clip(path * np.cos(np.pi * where[:, 4]) / camera.focal_px, -nearest, nearest)
-        # Where particles drift sideways, a strip on the side that they come from lacks particles. On the right (with a
-        # negative disparity, on the left) particles from the margin for the other view fill this strip.
+        # Where particles drift sideways, the side of the view that they come from has a strip without particles. On the
+        # right (on the left for negative disparities), the strip gets particles from the region that only the right
+        # view shows.
         sideways = age * path * np.sin(2 * np.pi * where[:, 4])
         missing = np.maximum(sideways - np.maximum(-disparity, 0), 0)
         missing += np.maximum(-sideways - np.maximum(disparity, 0), 0)
         # By (3) and (4).
         shown = (disparity + camera.doffs_px) / (depth - height * relief / camera.focal_px) - camera.doffs_px
-        # A larger particle covers more pixels. As particles come nearer they grow, but so do the gaps between them.
-        weight = np.where(room > 0, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
+        # A larger particle covers more pixels. Nearer particles look larger, but so do the gaps between them.
+        weight = np.where(free > 0, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
         at_least = shown[:, :, None] >= edges_px
         return np.asarray(np.einsum("ks,ksj->kj", weight * np.maximum(1 - missing / camera.width_px, 0.0), at_least))
 
 
 def merge_bins(target: Histogram) -> Histogram:
-    """Merge neighbouring bins until there are at most 48: a particle extends over several bins if they are narrower."""
+    """Merge neighbouring bins into at most 48: a particle would extend over several narrow bins."""
     step = -(-len(target.shares) // _MOST_LAYERS)
     edges = np.append(target.edges_px[:-1:step], target.edges_px[-1])
     return target.rebinned(edges) if step > 1 else target
@@ -127,37 +127,37 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
 
     The accelerated projected gradient (Beck and Teboulle 2009) minimises  (S^T lambda - b)^T W (S^T lambda - b),  where
     b_j is the right side of (2) and W is the diagonal matrix of the weights. The step for lambda_k is 1 / (sum of row
-    k of abs(S W S^T)): the diagonal matrix of these sums minus S W S^T is diagonally dominant, hence positive
+    k of abs(S W S^T)). The diagonal matrix of these sums minus S W S^T is diagonally dominant, hence positive
     semidefinite, so no step is too long. scipy's `lsq_linear`, for one view at a time, would take 20 times as long.
 
     Args:
         shares: (K,) wanted share of a view in each bin; their running sum is F.
-        bare: (..., K - 1) F_bare: share of the view below each inner edge before the layers are filled.
-        exceedances: (..., K, K - 1) S: `DepthLayers.exceedance` at the inner edges.
+        bare: (..., K - 1) F_bare at the inner edges.
+        exceedances: (..., K, K - 1) S at the inner edges, see `DepthLayers.exceedance`.
         least: (..., K) smallest coverages.
         has_room: (K,) whether the layer can hold particles.
 
     Returns:
         (..., K) coverages, from ``least`` to 4; 0 in layers without room.
     """
-    wanted = np.maximum(np.cumsum(shares)[:-1], _LEAST_OPEN)
+    wanted = np.maximum(np.cumsum(shares)[:-1], _LEAST_BELOW)
     usable = bare > 0
     needed = np.where(usable, np.log(np.where(usable, bare, 1.0) / wanted), 0.0)
     most = np.where(has_room, _DENSEST, 0.0)
-    result, still_open = least, np.broadcast_to(wanted, bare.shape)
+    result, below = least, np.broadcast_to(wanted, bare.shape)
     for _ in range(2):
-        weighted = exceedances * np.where(usable, np.maximum(still_open, wanted) ** 2, 0.0)[..., None, :]
+        weighted = exceedances * np.where(usable, np.maximum(below, wanted) ** 2, 0.0)[..., None, :]
         product = weighted @ np.swapaxes(exceedances, -1, -2)
         aim = weighted @ needed[..., None]
         step = 1 / np.maximum(np.abs(product).sum(axis=-1), np.finfo(np.float64).tiny)
         momentum, before, ahead = 1.0, result, result
-        for _ in range(_ROUNDS):
+        for _ in range(_ITERATIONS):
             gradient = (product @ ahead[..., None] - aim)[..., 0]
             result = np.minimum(np.maximum(ahead - step * gradient, least), most)
             following = (1 + (1 + 4 * momentum**2) ** 0.5) / 2
             ahead = result + (momentum - 1) / following * (result - before)
             momentum, before = following, result
-        still_open = _open_shares(result, bare, exceedances)
+        below = _shares_below(result, bare, exceedances)
     return result
 
 
@@ -167,10 +167,10 @@ def expected_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floa
     ``coverage`` is (..., K); see `solve_coverage` for the other arguments.
     """
     ends = np.zeros((*coverage.shape[:-1], 1))
-    return np.diff(np.concatenate([ends, _open_shares(coverage, bare, exceedances), ends + 1], axis=-1))
+    return np.diff(np.concatenate([ends, _shares_below(coverage, bare, exceedances), ends + 1], axis=-1))
 
 
-def _open_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
+def _shares_below(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
     """Return F of (1) at the inner edges, (..., K - 1)."""
     return np.asarray(bare * np.exp(-coverage[..., None, :] @ exceedances)[..., 0, :])
 

@@ -1,25 +1,25 @@
 """Finds how many particles each depth layer of a scene needs for the dataset's wanted distribution of disparity.
 
-The wanted histogram is merged into at most 48 bins, with a depth layer each. `semisynth_gl.scene.depth_layers` finds a
-layer's coverage lambda: how many particles cover a pixel, on average. This module computes numbers of particles in five
-steps:
+The wanted histogram is merged into at most 48 bins, and each bin has a depth layer. `semisynth_gl.scene.depth_layers`
+finds a layer's coverage lambda: how many of its particles cover a pixel, on average. This module computes numbers of
+particles in five steps:
 
-1. Pilots. 32 scenes without particles represent the dataset. They give the cumulative distribution of disparity of
-   scenes without particles.
-2. Aim. Each scene is solved separately for one distribution, the aim. It begins as the target. A scene with a near wall
-   cannot reach it, so each round corrects the aim by  target - mean of the solved pilots.  Of 6 aims, the one whose
-   pilots come nearest to the target is used.
+1. Pilots. 32 scenes without particles represent the static scenes of the dataset.
+2. Aim. All scenes are solved for the same distribution, the aim, each scene separately. The first aim is the target. A
+   scene with a near wall cannot show the far part of the target, so the mean of the solved pilots differs from the
+   target. Each further aim adds  target - mean of the solved pilots  to the aim before it. Of 6 aims, the one whose
+   solved pilots have the mean nearest the target is used.
 3. Numbers. One particle adds c = A / R to the coverage, where A px^2 is the mean area of its silhouette and R px^2 the
-   area of the region in which it may be (`expected_cover`). So a layer has n = lambda / c particles on average.
+   area of the region through which it falls (`expected_cover`). So a layer has n = lambda / c particles on average.
 4. Sizes. c grows with the square of the sizes, so larger particles need smaller numbers. If ``particles.density`` is
-   sparse or dense, a bisection finds the size factor at which the wanted number of objects is in view. Sizes also grow
-   where the sum of all n exceeds ``particles.most``.
-5. Counts. The number of layer k in sequence s is the quantile u = (u_0 + s * sqrt(p_k)) mod 1 of the Poisson
-   distribution of mean n, where p_k is the layer's prime and u_0 comes from the seed. Multiples of an irrational number
-   are spread evenly over [0, 1), so the mean converges with far fewer scenes than with independent samples.
+   sparse or dense, a bisection finds the factor of the sizes with which the wanted number of particles is in view.
+   Particles are also enlarged where the sum of all n exceeds ``particles.most``.
+5. Counts. In sequence s, layer k has the quantile u = (u_0 + s * sqrt(p_k)) mod 1 of the Poisson distribution with the
+   mean n. p_k is the layer's prime, and u_0 comes from the seed. Multiples of an irrational number are spread evenly
+   over [0, 1), so the mean of few scenes is much closer to n than with independent samples.
 
-Layers that the config states (``particles.layers``) are not solved, and the particles of ``particles.clutter`` are
-added. The solver treats both as part of the background.
+If the config states ``particles.layers``, these take the place of the solved layers. The particles of
+``particles.clutter`` are always added; the solver treats them as part of the background.
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.catalogue import ModelCatalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import ParticleBatch, ParticleSizes, expected_cover, expected_in_view, stated_sizes
-from semisynth_gl.scene.rig import SequenceRig, check_reachable
+from semisynth_gl.scene.rig import SequenceRig, check_has_depth
 from semisynth_gl.scene.static_scene import sample_static_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
@@ -47,25 +47,25 @@ _PILOTS = 32
 # The sections that `sample_static_scene` reads, and the purposes for which it asks for a generator.
 _SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "structures"}
 _PURPOSES = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG, Purpose.SKY)
-# Number of pilot scenes in which particles are counted to find the size factor of a density.
+# Number of pilot scenes in which particles are counted to find the factor of sizes for a density.
 _COUNTED_PILOTS = 8
 # Number of aims that are tried.
 _AIMS = 6
-# Number of objects in view for each density, relative to the number at the stated sizes.
+# Number of particles in view for each density, relative to the number at the stated sizes.
 _DENSITY = {"sparse": 1 / 3, "dense": 3.0}
 # Smallest factor of the stated sizes.
 _SMALLEST = 0.05
-# Maximum mean number of particles in a scene, as a multiple of particles.most.
+# Maximum of the mean number of particles in one scene, as a multiple of particles.most.
 _BEYOND_MOST = 2.0
 # Maximum number of times that particles are enlarged, until particles.most of them suffice.
 _ENLARGEMENTS = 12
 # Number of bisections in the search for a factor of sizes.
 _HALVINGS = 10
-# The roots of primes are irrational and unrelated. There are 50 primes, for at most 48 layers.
+# The roots of primes are linearly independent over the rationals. There are 50 primes, for at most 48 layers.
 _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))], np.float64)
-# Each correction keeps at least this share of a bin's aim, so that no bin's aim falls to 0 or below.
+# Each correction keeps at least this share of an aim's share in a bin, so that no bin's share falls to 0 or below.
 _LEAST_OF_AIM = 0.1
-# Minimum mean coverage of the layer in which the background lies, so that no background is without particles.
+# Minimum coverage of the layer with the background's median disparity, so that no background is without particles.
 _POPULATED = 0.5
 
 
@@ -86,10 +86,10 @@ class _Views(NamedTuple):
 
 
 class _Aim(NamedTuple):
-    """The distribution that each scene is solved for, so that the mean of all scenes comes near the target."""
+    """The distribution that each scene is solved for, so that the mean of all scenes is near the target."""
 
     shares: Floats  # (K,) in the target's bins
-    achieved: Floats  # (K,) mean shares in scenes that are solved for this aim
+    achieved: Floats  # (K,) mean shares in the pilots that are solved for this aim
     sizes: ParticleSizes  # sizes of the particles
 
 
@@ -97,7 +97,7 @@ class DisparitySolver:
     """Solves for the numbers of particles in the scenes of one recipe of a dataset.
 
     ``relief`` is the mean relief of the models. ``catalogue`` has the models of pilot scenes. ``wanted`` is the
-    wanted distribution, by default the config's. ``target`` is this distribution, in the bins of the depth layers.
+    wanted distribution, by default the config's. ``target`` is the wanted distribution in the depth layers' bins.
     """
 
     def __init__(
@@ -109,11 +109,11 @@ class DisparitySolver:
         wanted: Histogram | None = None,
     ) -> None:
         self._config, self._seed, self._relief, self._catalogue = config, seed, relief, catalogue
-        own, particles = config.wanted_histogram(), config.particles
-        self.target = merge_bins(wanted or own)
+        configured, particles = config.wanted_histogram(), config.particles
+        self.target = merge_bins(wanted or configured)
         self._solved = particles.layers is None
-        middle = Range(own.quantile(0.1), own.quantile(0.9))
-        self._stated = [
+        middle = Range(configured.quantile(0.1), configured.quantile(0.9))
+        self._stated_layers = [
             (layer.disparity_px or middle, layer.count, stated_sizes(particles, layer))
             for layer in (*(particles.layers or ()), *particles.clutter)
         ]
@@ -127,16 +127,16 @@ class DisparitySolver:
     ) -> list[ParticleBatch]:
         """Sample the numbers of particles of one scene.
 
-        ``bare_px`` (R,) has the disparities of its left view without particles. ``rng`` samples only the particle
-        counts of the layers that the config states.
+        ``bare_px`` (R,) has the disparities of the scene's left view without particles. ``rng`` samples only the
+        particle counts of stated layers and clutter.
 
         Raises:
-            InputError: where disparity + doffs is not positive for a layer that the config states, or the target cannot
-                be met with ``particles.most`` particles.
+            InputError: where disparity + doffs is not positive for a stated layer or clutter, or the target cannot be
+                met with ``particles.most`` particles.
         """
-        for number, (disparity_px, *_) in enumerate(self._stated):
+        for number, (disparity_px, *_) in enumerate(self._stated_layers):
             key = "layers" if number < len(self._config.particles.layers or ()) else "clutter"
-            check_reachable(camera, disparity_px.low, f"particles.{key}.disparity_px")
+            check_has_depth(camera, disparity_px.low, f"particles.{key}.disparity_px")
         solved = list[ParticleBatch]()
         if self._solved:
             quantile = (self._first_quantile + sequence * np.sqrt(_PRIMES[: len(self._layers)])) % 1.0
@@ -147,10 +147,10 @@ class DisparitySolver:
             mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
             layers = zip(self._layers.low_px, self._layers.high_px, poisson_counts(mean, quantile), strict=True)
             solved = [ParticleBatch(Range(low, high), int(count), sizes) for low, high, count in layers]
-        return solved + [ParticleBatch(where, round(count.sample(rng)), sizes) for where, count, sizes in self._stated]
+        return solved + [ParticleBatch(px, round(count.sample(rng)), sizes) for px, count, sizes in self._stated_layers]
 
     def expected(self) -> Histogram:
-        """Return the mean distribution of the dataset, in the bins of ``target``, by the Boolean model of pilot scenes.
+        """Return the distribution, in the bins of ``target``, that the Boolean model predicts for the pilot scenes.
 
         Raises InputError where the target cannot be met, see `sample`.
         """
@@ -161,30 +161,26 @@ class DisparitySolver:
 
     @cached_property
     def _aim(self) -> _Aim:
-        """The aim of all scenes, at the sizes that the density asks for."""
+        """The aim of all scenes, with the sizes of ``particles.density``."""
         density, sizes = self._config.particles.density, stated_sizes(self._config.particles)
         if density != "default":
-            sizes = sizes.scaled(self._scale(sizes, _DENSITY[density] * self._in_view(sizes)))
-        return self._corrected(sizes)
+            sizes = sizes.scaled(self._size_factor(sizes, _DENSITY[density] * self._in_view(sizes)))
+        return self._best_aim(sizes)
 
-    def _scale(self, sizes: ParticleSizes, wanted: float) -> float:
-        """Return the factor of sizes at which about a wanted number of objects is in the left view on average."""
-        # With the upper limit, the largest particles of the nearest layer are as wide as the image.
+    def _size_factor(self, sizes: ParticleSizes, number: float) -> float:
+        """Return the factor of the sizes with which about ``number`` particles are in the left view, on average."""
+        # With the largest factor, the largest particles of the nearest layer are as wide as the image.
         camera = self._pilots[0].camera
         largest_px = float(sizes.radius_px(camera, np.array(self._layers.high_px.max()), np.array(1.0)))
         low, high = _SMALLEST, max(1.0, camera.width_px / 2 / largest_px)
         for _ in range(_HALVINGS):
-            # The number of objects in view falls about with the square of their size.
+            # The number of particles in view is about proportional to 1 / size^2.
             middle = (low * high) ** 0.5
-            low, high = (middle, high) if self._in_view(sizes.scaled(middle)) > wanted else (low, middle)
+            low, high = (middle, high) if self._in_view(sizes.scaled(middle)) > number else (low, middle)
         return float((low * high) ** 0.5)
 
-    def _corrected(self, sizes: ParticleSizes) -> _Aim:
-        """Try 6 aims, and return the one with which the mean of the pilot scenes is nearest the target.
-
-        Where the target needs more particles than ``particles.most``, they are enlarged first. Raises InputError where
-        that does not suffice.
-        """
+    def _best_aim(self, sizes: ParticleSizes) -> _Aim:
+        """Return the best of 6 aims: step 2 of the module's text. Raises InputError as `_enlarged` does."""
         wanted = self.target.shares
         sizes, views = self._enlarged(sizes)
         aims, shares = [], wanted
@@ -197,7 +193,11 @@ class DisparitySolver:
         return min(aims, key=lambda aim: float(np.abs(aim.achieved - wanted).sum()))
 
     def _enlarged(self, sizes: ParticleSizes) -> tuple[ParticleSizes, _Views]:
-        """Enlarge particles until pilots need at most ``particles.most`` on average; return sizes and effect."""
+        """Enlarge particles until the pilots need at most ``particles.most`` of them on average.
+
+        Returns the sizes, and the effect of such particles on the pilots. Raises InputError where 12 enlargements do
+        not suffice.
+        """
         most = self._config.particles.most
         for _ in range(_ENLARGEMENTS):
             views = self._views(self._pilots, sizes)
@@ -216,12 +216,12 @@ class DisparitySolver:
         return np.round(coverage, 9)
 
     def _in_view(self, sizes: ParticleSizes) -> float:
-        """Return the mean number of particles in the left views of the first pilot scenes."""
+        """Return the mean number of particles in the left views of the first 8 pilot scenes."""
         pilots, layers, in_view = self._pilots[:_COUNTED_PILOTS], self._layers, []
         views = self._views(pilots, sizes)
         numbers = self._coverage(self.target.shares, views) / views.cover
         for number, (camera, _) in zip(numbers, pilots, strict=True):
-            # About the share of the particles that are rendered: those that would cross the near plane are not.
+            # Particles that would cross the near plane are not rendered. `rendered` is about the share of the others.
             rendered = self._exceedance(layers, np.array([-np.inf]), camera, sizes)[:, 0]
             in_view.append(float(number * rendered @ expected_in_view(camera, sizes, layers.middle_px)))
         return float(np.mean(in_view))
@@ -245,9 +245,9 @@ class DisparitySolver:
     def _bare_shares(self, camera: StereoCamera, bare_px: Floats) -> Floats:
         """Return the share of a view below each inner edge of the target's bins, without solved particles, (K - 1,)."""
         inner = self.target.edges_px[1:-1]
-        # Mean number of stated particles over a pixel whose disparity is at least the edge's.
+        # Mean number, over a pixel, of stated particles and clutter that show at least the edge's disparity.
         covered = np.zeros(len(inner))
-        for disparity_px, count, sizes in self._stated:
+        for disparity_px, count, sizes in self._stated_layers:
             layer = DepthLayers(np.array([disparity_px.low]), np.array([disparity_px.high]))
             cover = expected_cover(camera, sizes, layer.middle_px, self._relief.fill)[0]
             covered += cover * count.middle * self._exceedance(layer, inner, camera, sizes)[0]
@@ -259,8 +259,8 @@ class DisparitySolver:
 
 
 def poisson_counts(mean: Floats, quantile: Floats) -> Ints:
-    """Return the value at each quantile (K,), in [0, 1), of Poisson distributions with means (K,): (K,) int64."""
-    # Not by scipy, which takes long to import.
+    """Return the values (K,) at quantiles (K,), in [0, 1), of Poisson distributions with means (K,)."""
+    # scipy would take long to import.
     largest = mean.max(initial=0.0)
     number = np.arange(int(largest + 12 * largest**0.5 + 24))
     log_mean = np.log(np.maximum(mean, np.finfo(np.float64).tiny))[:, None]

@@ -1,4 +1,4 @@
-"""Furnishes a room with things that stand, lie or hang."""
+"""Furnishes a room with things that stand or hang."""
 
 from typing import Final
 
@@ -7,9 +7,9 @@ import numpy as np
 from semisynth_gl.config.scene_sections import RoomSection
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.catalogue import Corner
-from semisynth_gl.scene.floor_scene import Diameters, FloorSceneBuilder, Wall
+from semisynth_gl.scene.floor_scene import Diameters, FloorSceneBuilder, SizedModel, Wall
 from semisynth_gl.scene.resting import surfaces_below
-from semisynth_gl.scene.scene import placed_vertices
+from semisynth_gl.scene.scene import transform_vertices
 
 # Diameters of the bounding spheres: of things that stand on the floor, of small things that stand on the floor or on
 # furniture, and of things that hang on walls.
@@ -46,7 +46,7 @@ _LEVEL = 0.98
 
 
 def furnish(room: FloorSceneBuilder, section: RoomSection, walls: tuple[Wall, ...]) -> None:
-    """Put things into a room, at most as many as the config says: those that find no free spot are left out.
+    """Put things into a room, in the numbers of the config; a thing for which no free spot is found is left out.
 
     ``walls`` are the wall ahead, the right and the left wall.
     """
@@ -64,8 +64,8 @@ def furnish(room: FloorSceneBuilder, section: RoomSection, walls: tuple[Wall, ..
         if picked is None:
             break
         yaw = rng.uniform(0, 2 * np.pi)
-        top = _on_top(room, tops[int(rng.integers(len(tops)))]) if tops and rng.random() < 0.7 else None
-        room.stand(picked, (*_on_floor(room, walls), 0) if top is None else top, yaw)
+        top = _sample_top_spot(room, tops[int(rng.integers(len(tops)))]) if tops and rng.random() < 0.7 else None
+        room.stand(picked, (*_sample_floor_spot(room, walls), 0) if top is None else top, yaw)
     if rng.random() < section.curtain:
         _hang_curtain(room, walls[int(rng.integers(len(walls)))])
     for _ in range(round(section.pictures.sample(rng))):
@@ -73,7 +73,7 @@ def furnish(room: FloorSceneBuilder, section: RoomSection, walls: tuple[Wall, ..
 
 
 def fill_niche(room: FloorSceneBuilder, wall: Wall, low: Corner, high: Corner, deep_m: float) -> None:
-    """Stand small things in a niche of a wall; the niche has opposite corners (u, v) and is ``deep_m`` deep."""
+    """Stand small things in a niche of a wall, given two opposite corners (u, v) of the niche and its depth."""
     for share in (np.arange(4) + room.rng.uniform(0.2, 0.8, 4)) / 4:
         picked = room.pick(_SMALL)
         if picked is not None and room.rng.random() < 0.8:
@@ -81,22 +81,23 @@ def fill_niche(room: FloorSceneBuilder, wall: Wall, low: Corner, high: Corner, d
             room.stand(picked, at, room.rng.uniform(0, 2 * np.pi))
 
 
-def _on_top(room: FloorSceneBuilder, number: int) -> tuple[float, float, float] | None:
+def _sample_top_spot(room: FloorSceneBuilder, number: int) -> tuple[float, float, float] | None:
     """Sample a position (x, y, z) on top of a thing, given its number; return None if the top is not level there."""
     model, pose = room.things[number]["model"], room.things[number]["pose"]
     mesh, low, high = room.catalogue.models[model], room.catalogue.low[model], room.catalogue.high[model]
-    spot = low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
-    x, y, _ = pose[:3, :3] @ spot + pose[:3, 3]
-    corners = placed_vertices(mesh, pose)[mesh.triangles]
+    position = low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
+    x, y, _ = pose[:3, :3] @ position + pose[:3, 3]
+    corners = transform_vertices(mesh, pose)[mesh.triangles]
     [height], [normal] = surfaces_below(corners, np.array([[x, y, np.inf]]))
     return (x, y, float(height)) if normal[2] >= _LEVEL else None
 
 
-def _on_floor(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> tuple[float, float]:
+def _sample_floor_spot(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> tuple[float, float]:
     """Sample a position (x, y) on the floor, inside the walls, in the view or just beside it."""
     camera, pose = room.rig.camera, room.camera_from_floor
     ahead, right, left = walls[0].corner[1], walls[1].corner[0], walls[2].corner[0]
     column = room.rng.uniform(-0.1, 1.1) * camera.width_px - 0.5
+    # The direction of this column over the floor, and the distance at which it meets a wall.
     ray = pose[:3, :3].T @ np.array([(column - camera.cx_left_px) / camera.focal_px, 0, 1])
     flat = ray[:2] / np.linalg.norm(ray[:2])
     reach = min(
@@ -115,14 +116,14 @@ def _add_standing(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> int | Non
     picked = room.pick(_FLAT_TOPPED if rng.random() < 0.5 else _STANDING)
     if picked is None:
         return None
-    number, size = picked
-    name = room.catalogue.models[number].name
+    name = room.catalogue.models[picked.number].name
     stretch = rng.uniform(0.85, 1.0, 3)
-    half = room.catalogue.extent(number)[:2] * stretch[:2] * size / 4
+    half = room.catalogue.extent(picked.number)[:2] * stretch[:2] * picked.size_m / 4
     radius = float(np.linalg.norm(half)) * 0.8
     for _ in range(_TRIES):
-        x, y = _on_floor(room, walls)
+        x, y = _sample_floor_spot(room, walls)
         yaw = rng.uniform(0, 2 * np.pi)
+        # Kinds of `_AT_WALLS`, and some other things, are moved backwards to a wall.
         if name in _AT_WALLS or rng.random() < 0.35:
             wall = walls[int(rng.integers(3))]
             yaw = wall.yaw_rad
@@ -138,21 +139,21 @@ def _add_standing(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> int | Non
 def _add_rug(room: FloorSceneBuilder, ahead: Wall) -> None:
     distance = room.rng.uniform(0.3, 0.8) * float(ahead.corner[1])
     size, yaw = room.rng.uniform(0.8, 2.4, 2) * room.metre, room.rng.uniform(0, np.pi)
-    room.add_box((room.rng.uniform(-0.3, 0.3) * distance, distance, 0), (*size / 2, 0.012 * room.metre), yaw)
+    room.add_box((room.rng.uniform(-0.3, 0.3) * distance, distance, 0), (*size, 0.012 * room.metre), yaw)
 
 
 def _add_pillar(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> None:
     for _ in range(_TRIES):
-        x, y = _on_floor(room, walls)
+        x, y = _sample_floor_spot(room, walls)
         half = room.rng.uniform(0.12, 0.25) * room.metre
-        size = half, half, walls[0].height_m
+        size = 2 * half, 2 * half, walls[0].height_m
         if room.is_free(x, y, half) and room.add_box((x, y, 0), size, room.rng.uniform(0, 1.6)) is not None:
             room.taken.append((x, y, 1.4 * half))
             return
 
 
 def _hang(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> None:
-    """Hang a picture or a model on a wall, clear of doorways, niches and what hangs there already."""
+    """Hang a picture or a model on a wall, clear of doorways, niches and other things on the wall."""
     rng = room.rng
     picked = room.pick(_HANGING) if rng.random() < 0.3 else None
     for _ in range(_TRIES):
@@ -167,7 +168,7 @@ def _hang(room: FloorSceneBuilder, walls: tuple[Wall, ...]) -> None:
         if picked is None:
             hung = _hang_picture(room, wall, wall.at(u, v), wide, high, rng.uniform(0.01, 0.04) * room.metre)
         else:
-            deep = room.catalogue.high[picked[0]][1] * picked[1] / 2
+            deep = room.catalogue.high[picked.number][1] * picked.size_m / 2
             foot = wall.at((u + opposite[0]) / 2, opposite[1], -deep)
             hung = room.stand(picked, foot, wall.yaw_rad) is not None
         if hung:
@@ -193,12 +194,11 @@ def _hang_curtain(room: FloorSceneBuilder, wall: Wall) -> None:
     picked = room.pick({"curtain": (1.0, 1.0)})
     if picked is None:
         return
-    number = picked[0]
-    extent = room.catalogue.extent(number)
+    extent = room.catalogue.extent(picked.number)
     high = wall.height_m * room.rng.uniform(0.5, 0.95)
     size = 2 * high / extent[2]
     top = wall.height_m * 0.99 - high
     middle, half = room.rng.uniform(0.1, 0.9), extent[0] * size / 4 / wall.length_m
     foot = wall.at(middle, 1.0, -extent[1] * size / 2) + np.array([0, 0, top])
-    if room.stand((number, size), foot, wall.yaw_rad) is not None:
+    if room.stand(SizedModel(picked.number, size), foot, wall.yaw_rad) is not None:
         wall.taken.append(((middle - half, 0.0), (middle + half, 1.0)))

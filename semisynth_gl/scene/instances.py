@@ -1,7 +1,6 @@
 """The table of a scene's instances: one row for each, with its model, its pose and its patch.
 
-All parts of a scene append rows to one table. `PatchMapping` assigns a patch to each row. `to_scene` turns the table
-into the renderer's arrays.
+`PatchMapping` assigns a patch to each row. `to_scene` converts the table into the renderer's arrays.
 """
 
 from collections.abc import Sequence
@@ -26,10 +25,10 @@ INSTANCE = np.dtype(
         ("model", np.int64),  # index into the sampler's models: `SURFACE_MODELS`, then the library's
         ("pose", np.float64, (4, 4)),  # world_from_model, metres
         ("unit_m", np.float64, 2),  # lengths of one unit of u and of v
-        ("texture", np.int64),  # number of the row whose texture it shares: its own number, or that of an earlier row
+        ("texture", np.int64),  # number of the row whose texture it has: its own number, or an earlier row's
         ("large", np.bool_),  # whether it always gets a large patch, even if only a small part of it is visible
         ("sky", np.bool_),  # whether it is infinitely far away
-        ("depth_m", np.float64),  # depth at which its texture has the texels per pixel that were sampled for it
+        ("depth_m", np.float64),  # depth at which its texture has the sampled number of texels per pixel
         ("uv_low", np.float64, 2),  # lowest visible UV
         ("uv_high", np.float64, 2),  # highest visible UV
         ("slot", np.int64),  # slot of a particle; -1 for a static instance
@@ -74,9 +73,9 @@ def to_scene(
     )
 
 
-def choose(ends: Floats, chance: Floats) -> Ints:
-    """Choose N of K items with uniform numbers (N,) and the items' cumulative chances (K,); return indices (N,)."""
-    return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
+def choose(cumulative: Floats, uniform: Floats) -> Ints:
+    """Choose N of K items, given their cumulative chances (K,) and uniform random numbers (N,); return indices (N,)."""
+    return np.minimum(np.searchsorted(cumulative, uniform, side="right"), len(cumulative) - 1)
 
 
 class PatchMapping:
@@ -85,7 +84,7 @@ class PatchMapping:
     def __init__(self, section: TexturesSection, patches: Sequence[Patch]) -> None:
         self._section = section
         self._small = sum(not patch.large for patch in patches)
-        self._small_ends, self._large_ends = (
+        self._small_chances, self._large_chances = (
             np.cumsum(patch_chances([patch.shown for patch in some]))
             for some in (patches[: self._small], patches[self._small :])
         )
@@ -95,30 +94,30 @@ class PatchMapping:
     def layers(self, patch: Ints, sequence: int, frame: int) -> Ints:
         """Return the atlas layers (N,) that patches (N,) show in a frame; videos start at different frames."""
         count = self._layer_count[patch]
-        # 7919 is a prime above all counts: the starts of successive patches differ.
+        # 7919 is a prime above all counts, so successive patches start at different frames.
         return np.asarray(self._first_layer[patch] + ((patch * 7919 + sequence) % count + frame) % count)
 
-    def apply(self, table: Instances, own: Floats, camera: StereoCamera) -> None:
+    def apply(self, table: Instances, uniform: Floats, camera: StereoCamera) -> None:
         """Set ``patch``, ``uv_scale`` and ``uv_offset`` of N instances.
 
-        The uniform random numbers ``own`` (N, 4) choose the patch, the visible part of the patch in u and v, and the
-        texels per pixel. Instances that share a texture use the numbers of the first of them. Only the part of a large
-        patch is chosen with an instance's own numbers, so each side of a box shows a different part.
+        A row of the uniform random numbers ``uniform`` (N, 4) chooses the patch, the visible part of the patch in u and
+        in v, and the texels per pixel. Instances that share a texture share the row of the first of these instances,
+        except for the visible part of a large patch: each side of a box shows a different part.
         """
-        chances = own[table["texture"]]  # a copy, whose first column changes below
+        shared = uniform[table["texture"]]  # a copy, whose first column changes below
         texels_range = self._section.texels_per_pixel
-        texels = texels_range.low * (texels_range.high / texels_range.low) ** chances[:, 3]
-        patch, large = choose(self._small_ends, chances[:, 0]), np.zeros(len(table), bool)
-        if len(self._large_ends):
+        texels = texels_range.low * (texels_range.high / texels_range.low) ** shared[:, 3]
+        patch, large = choose(self._small_chances, shared[:, 0]), np.zeros(len(table), bool)
+        if len(self._large_chances):
             # Large surfaces get large patches, and so do surfaces on which a small patch would repeat.
             repeats = _extent_px(table, camera).max(axis=1) * texels > self._section.patch_px
             large = table["large"] | repeats
-            # Spread large patches evenly: the k-th texture adds k * _GOLDEN to the first instance's random number.
+            # Spread large patches evenly: texture k adds k * _GOLDEN to the random number of the table's first row.
             static = np.flatnonzero(large & (table["slot"] < 0))
             order = np.unique(table["texture"][static], return_inverse=True)[1]
-            chances[static, 0] = (own[:1, 0] + order * _GOLDEN) % 1.0
-            patch[large] = self._small + choose(self._large_ends, chances[large, 0])
-        part = np.where(large[:, None], own[:, 1:3], chances[:, 1:3])
+            shared[static, 0] = (uniform[:1, 0] + order * _GOLDEN) % 1.0
+            patch[large] = self._small + choose(self._large_chances, shared[large, 0])
+        part = np.where(large[:, None], uniform[:, 1:3], shared[:, 1:3])
         table["patch"] = patch
         table["uv_scale"], table["uv_offset"] = map_patches(table, camera, self._section, texels, part, large)
 
@@ -132,22 +131,21 @@ def _extent_px(table: Instances, camera: StereoCamera) -> Floats:
 def map_patches(
     table: Instances, camera: StereoCamera, section: TexturesSection, texels: Floats, part: Floats, large: Bools
 ) -> tuple[Floats, Floats]:
-    """Map patches to N instances: small patches at any offset, large patches so that they do not repeat if possible.
+    """Map patches to N instances: small patches at any offset, large patches so that they repeat as little as possible.
 
     ``texels`` (N,) is the number of texels per pixel for an instance that faces the camera at its ``depth_m``. The
     uniform numbers ``part`` (N, 2) choose the part of the patch that an instance shows. ``large`` (N,) says whether the
     patch is large. Returns `Scene.uv_scale` and `Scene.uv_offset`.
     """
-    # On a large surface that faces the camera, one patch spans at least the width of the view.
+    # On a large surface that faces the camera, one large patch is at least as wide as the view.
     spanning = large & table["large"]
     texels = np.where(spanning, np.minimum(texels, section.large_px / camera.width_px), texels)
     patch_px = np.where(large, section.large_px, section.patch_px)
     if large.any():
         seen = _extent_px(table, camera).max(axis=1) * texels / patch_px
         texels = np.where(large, texels / np.clip(seen, 1.0, _ENLARGED), texels)
-    # Patches per unit of X / Z at one texel per pixel.
-    patches_per_slope = camera.focal_px / patch_px
-    scale = table["unit_m"] * (patches_per_slope * texels / table["depth_m"])[:, None]
-    # The visible part must lie inside the patch, which is mirrored or repeated beyond its borders.
+    focal_patches = camera.focal_px / patch_px  # at one texel per pixel
+    scale = table["unit_m"] * (focal_patches * texels / table["depth_m"])[:, None]
+    # The visible part of the surface must be inside a large patch, which is mirrored or repeated beyond its borders.
     free = 1 - (table["uv_high"] - table["uv_low"]) * scale
     return scale, np.where(large[:, None], part * free - table["uv_low"] * scale, part)

@@ -13,12 +13,12 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.relief import covered_cells
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.instances import Instances, to_scene
-from semisynth_gl.scene.scene import Scene, placed_vertices
+from semisynth_gl.scene.scene import Scene, transform_vertices
 
 # Columns and rows of the coarse grid over the view; see `grid_px`.
 GRID = (48, 32)
-# The lowest and the highest UV of a surface ignore this share of its rays, so that the far end of a ground that reaches
-# the horizon does not count.
+# Share of a surface's rays that are ignored at each end of its range of UV. Otherwise the few rays near the horizon
+# would decide the range of a ground.
 _IGNORED = 0.05
 
 
@@ -27,7 +27,7 @@ class LeftViewHits(NamedTuple):
 
     depth_m: Floats  # (R,) planar depth; inf where a ray hits the sky or nothing
     instance: Ints  # (R,) index of the instance that a ray hits; -1 where it hits nothing
-    uv: Floats  # (R, 2) the model's UV at the hit; 0 where a ray hits nothing
+    uv: Floats  # (R, 2) the model's UV where the ray hits it; 0 where a ray hits nothing
 
 
 def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
@@ -37,8 +37,10 @@ def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
     return columns.ravel(), rows.ravel()
 
 
-def measure(table: Instances, camera: StereoCamera, near_m: float, models: Sequence[Mesh], fixed: int = 0) -> Floats:
-    """Set the visible range of UV of each static instance in the left view, and its median depth.
+def measure_left_view(
+    table: Instances, camera: StereoCamera, near_m: float, models: Sequence[Mesh], fixed: int = 0
+) -> Floats:
+    """Set each static instance's range of UV that the left view shows, and its median depth there.
 
     Hidden instances, the sky and the first ``fixed`` instances keep their ``depth_m``. Returns the disparities (R,) of
     the view at the points of `grid_px`.
@@ -59,16 +61,16 @@ def left_view_hits(scene: Scene, models: Sequence[Mesh]) -> LeftViewHits:
 
     ``scene.model`` holds indices into ``models``.
     """
-    # Points (V, 5), x y z u v; the numbers of each triangle's corners; and the instance that owns each triangle.
+    # Points (V, 5), x y z u v; the numbers of each triangle's corners; and each triangle's instance.
     parts, triangles, owners, count = [np.empty((0, 5))], [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)], 0
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
-        vertices = placed_vertices(mesh, scene.view_from_model(number))
+        vertices = transform_vertices(mesh, scene.view_from_model(number))
         if vertices[:, 2].max() < scene.near_m:
             continue
         vertices, shown = np.concatenate([vertices, mesh.uv], axis=1), mesh.triangles
         if vertices[:, 2].min() < scene.near_m:
-            vertices = _cut(vertices[mesh.triangles], scene.near_m).reshape(-1, 5)
+            vertices = _clip(vertices[mesh.triangles], scene.near_m).reshape(-1, 5)
             shown = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
         parts.append(vertices)
         triangles.append(shown + np.int64(count))
@@ -85,23 +87,23 @@ def left_view_hits(scene: Scene, models: Sequence[Mesh]) -> LeftViewHits:
     )
     triangle, cell, u, v = covered_cells(x, y, corners, *GRID)
     # 1 / Z is linear over the image.
-    own = inverse[corners[:, triangle]].T
-    depth_m = 1 / (own[:, 0] + u * (own[:, 1] - own[:, 0]) + v * (own[:, 2] - own[:, 0]))
+    one, two, three = inverse[corners[:, triangle]]
+    depth_m = 1 / (one + u * (two - one) + v * (three - one))
     shown_m = np.where(scene.sky[owner[triangle]], np.inf, depth_m)
     order = np.lexsort((shown_m, cell))
     hit, first_of_cell = np.unique(cell[order], return_index=True)
     first = order[first_of_cell]
     # UV / Z is linear over the image, too.
-    share = np.stack([1 - u - v, u, v], axis=1)[first] * own[first] * depth_m[first, None]
+    weight = np.stack([(1 - u - v) * one, u * two, v * three], axis=1)[first] * depth_m[first, None]
     rays = GRID[0] * GRID[1]
     seen = LeftViewHits(np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2)))
     seen.depth_m[hit], seen.instance[hit] = shown_m[first], owner[triangle[first]]
-    seen.uv[hit] = (share[..., None] * points[corners[:, triangle[first]].T, 3:]).sum(axis=1)
+    seen.uv[hit] = (weight[..., None] * points[corners[:, triangle[first]].T, 3:]).sum(axis=1)
     return seen
 
 
-def _cut(corners: Floats, near_m: float) -> Floats:
-    """Return the parts of triangles (T, 3, 5), x y z u v, that lie beyond the near plane, as triangles (U, 3, 5)."""
+def _clip(corners: Floats, near_m: float) -> Floats:
+    """Return the parts of triangles (T, 3, 5), x y z u v, beyond the near plane, as triangles (U, 3, 5)."""
     beyond = corners[..., 2] >= near_m
     count = np.count_nonzero(beyond, axis=1)
     crossing = np.flatnonzero((count == 1) | (count == 2))
@@ -110,15 +112,15 @@ def _cut(corners: Floats, near_m: float) -> Floats:
     odd = np.where(one, beyond.argmax(axis=1), beyond.argmin(axis=1))
     first, second, third = (corners[crossing, (odd + k) % 3] for k in range(3))
 
-    def cut(other: Floats) -> Floats:
+    def on_plane(other: Floats) -> Floats:
         return np.asarray(first + (near_m - first[:, 2:3]) / (other[:, 2:3] - first[:, 2:3]) * (other - first))
 
-    on_second, on_third = cut(second), cut(third)
+    to_second, to_third = on_plane(second), on_plane(third)
     return np.concatenate(
         [
             corners[count == 3],
-            np.stack([first, on_second, on_third], axis=1)[one],
-            np.stack([on_second, second, third], axis=1)[~one],
-            np.stack([on_second, third, on_third], axis=1)[~one],
+            np.stack([first, to_second, to_third], axis=1)[one],
+            np.stack([to_second, second, third], axis=1)[~one],
+            np.stack([to_second, third, to_third], axis=1)[~one],
         ]
     )

@@ -16,18 +16,18 @@ from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
-# Number of sequences in which the first sequence of each recipe is searched for.
+# Number of sequences among which `overview` finds the first of each recipe.
 _SEARCHED = 100_000
 # Multiples of this number, modulo 1, are spread over [0, 1) almost as evenly as multiples of the golden ratio. The root
-# of 221 = 13 * 17 is unrelated to the roots of primes with which the solver spreads the numbers of particles.
+# of 221 = 13 * 17 is independent of the roots of primes that spread the numbers of particles; see `disparity_solver`.
 _STEP = (221**0.5 - 11) / 10
 
 
 def recipe_numbers(sequences: Ints, shares: Sequence[float], seed: int) -> Ints:
     """Return the number of each sequence's recipe, (N,), for the numbers of sequences (N,).
 
-    Among successive sequences, each recipe is as frequent as its share says. The ``shares`` are above 0 and add up
-    to 1. The ``seed`` decides where the order of recipes begins.
+    In any run of successive sequences, the frequencies of the recipes are close to their ``shares``, which are above 0
+    and add up to 1. The ``seed`` decides where the order of recipes begins.
     """
     first = generator(seed, Purpose.RECIPES).random()
     return np.searchsorted(np.cumsum(shares)[:-1], (first + sequences * _STEP) % 1.0, side="right")
@@ -36,12 +36,12 @@ def recipe_numbers(sequences: Ints, shares: Sequence[float], seed: int) -> Ints:
 class MixSampler:
     """Samples the scenes of one dataset, each sequence of one recipe.
 
-    Sequence s of a mix equals sequence s of a dataset that has only its recipe, with the same seed. There is one
-    exception. Some recipes may state their layers, or a target that differs from the dataset's. Then all other recipes
-    are solved for the part of the dataset's target that those recipes do not supply.
+    Sequence s of a mix equals sequence s of a dataset that has only its recipe, with the same seed. The exception is a
+    mix in which some recipes state their depth layers, or have another target than the dataset. The scenes of these
+    recipes supply a part of the dataset's target, and the other recipes are solved for the rest.
 
     The libraries, one for each recipe, and the atlas's patches come from the same config and seed. ``samplers`` has the
-    sampler of each recipe. `Scene.model` refers to ``models``: the surface models, then the models of all recipes.
+    sampler of each recipe. `Scene.model` indexes ``models``: the surface models, then the models of all recipes.
 
     Raises:
         InputError: where a recipe's target cannot be met.
@@ -53,7 +53,7 @@ class MixSampler:
         self.recipes, self._config, self._seed = config.recipes(), config, seed
 
         def samplers(wanted: Histogram | None = None, *, solved: bool) -> dict[int, SceneSampler]:
-            """Make the samplers of the recipes that are, or are not, solved for the dataset's target, by number."""
+            """Make the samplers, by number, of the recipes that are (or are not) solved for the dataset's target."""
             return {
                 number: SceneSampler(recipe.config, seed, libraries[number], patches, recipe.name, wanted)
                 for number, recipe in enumerate(self.recipes)
@@ -61,14 +61,14 @@ class MixSampler:
             }
 
         made = samplers(solved=False)
-        made |= samplers(self._rest(made) if 0 < len(made) < len(self.recipes) else None, solved=True)
+        made |= samplers(self._rest_of_target(made) if 0 < len(made) < len(self.recipes) else None, solved=True)
         self.samplers = tuple(made[number] for number in range(len(made)))
         self.models: tuple[Mesh, ...] = self.samplers[0].models
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``; see `SceneSampler.sample`. All attempts use the same recipe."""
         sampler = self.samplers[int(self._recipes(np.array(index // self._config.sequence_pairs)))]
-        with _named(sampler.recipe):
+        with _naming_errors(sampler.recipe):
             return sampler.sample(index, attempt)
 
     def expected(self) -> Histogram:
@@ -83,8 +83,8 @@ class MixSampler:
     def overview(self, pairs: int) -> list[int]:
         """Return the ascending numbers of ``pairs`` pairs, at least 1, that show as many recipes as possible.
 
-        The first pair of each recipe is chosen, and then the dataset's first other pairs. A recipe whose share is so
-        small that none of the first 100,000 sequences has it is ignored.
+        These are the first pair of each recipe, and then the dataset's first pairs. A recipe that none of the first
+        100,000 sequences has is ignored.
         """
         firsts = np.unique(self._recipes(np.arange(_SEARCHED)), return_index=True)[1]
         firsts = np.sort(firsts) * self._config.sequence_pairs
@@ -93,24 +93,24 @@ class MixSampler:
     def _recipes(self, sequences: Ints) -> Ints:
         return recipe_numbers(sequences, [recipe.share for recipe in self.recipes], self._seed)
 
-    def _rest(self, others: Mapping[int, SceneSampler]) -> Histogram:
-        """Return the part of the dataset's target that the recipes ``others`` do not supply."""
+    def _rest_of_target(self, samplers: Mapping[int, SceneSampler]) -> Histogram:
+        """Return the part of the dataset's target that the scenes of some samplers, by number, do not supply."""
         target = self._config.wanted_histogram()
         rest = target.shares.copy()
-        for number, sampler in others.items():
+        for number, sampler in samplers.items():
             rest -= self.recipes[number].share * _expected(sampler).rebinned(target.edges_px).shares
-        # Where the other recipes show too much of a disparity, no recipe can compensate.
+        # Where these scenes show more of a disparity than the whole target, no other recipe can compensate.
         return Histogram.from_counts(target.edges_px, np.maximum(rest, 0))
 
 
 def _expected(sampler: SceneSampler) -> Histogram:
-    with _named(sampler.recipe):
+    with _naming_errors(sampler.recipe):
         return sampler.disparity_solver.expected()
 
 
 @contextmanager
-def _named(recipe: str | None) -> Iterator[None]:
-    """Put the recipe's name in front of each InputError of the block."""
+def _naming_errors(recipe: str | None) -> Iterator[None]:
+    """Put the recipe's name in front of the messages of InputErrors."""
     try:
         yield
     except InputError as error:

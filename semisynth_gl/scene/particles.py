@@ -1,12 +1,12 @@
 """The particle system: an emission plane above each depth layer releases models that fall, drift and spin.
 
 All positions are in closed form, so any moment can be computed directly. A slot is one stream of models: it keeps its
-layer, depth, size and speed, and releases one model after another. Model number g of a slot (its generation) leaves
-the emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant. A
+layer, depth, size and speed, and releases one model after another. Model number g of a slot (generation g) leaves the
+emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant. A
 resting slot shows only its first model, which does not move.
 
-No model appears or disappears in view: a path begins and ends just outside both views. Its drift in depth is limited so
-that the model stays beyond the near plane. A slot that is too near to the near plane shows nothing.
+No model appears or disappears in view: a path begins and ends just outside both views. The drift in depth is limited so
+that models stay beyond the near plane. A slot whose models would reach the near plane even without drift shows nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -37,9 +37,9 @@ class ParticleSlots:
     flatness: Floats  # (S,) factor, up to 1, by which models are flattened along the viewing axis
     period_s: Floats  # (S,) time from the emission plane to the end of the view
     phase: Floats  # (S,) age at time 0, in periods, in [0, 1)
-    path_m: Floats  # (S,) length that the path would have without drift
-    nearer_m: Floats  # (S,) how far a model may come nearer than the path's middle; 0 or less if the middle is too near
-    view: VerticalExtent  # where both views end above and below
+    path_m: Floats  # (S,) length of the path of a model without drift
+    nearer_m: Floats  # (S,) how much nearer than the path's middle a model may come; 0 or less: the slot shows nothing
+    extent: VerticalExtent  # where both views end above and below
     resting: Mapping[int, Floats] = field(default_factory=dict)  # by slot, the pose (4, 4) of a model at rest
 
     def __len__(self) -> int:
@@ -64,14 +64,14 @@ class ParticleSlots:
 
 
 class ParticleStart(NamedTuple):
-    """How the models of one generation start, for each slot."""
+    """The random values of one generation of models, for each slot."""
 
-    start_px: Floats  # (S,) image x of the path's middle, left view
-    quaternion: Floats  # (S, 4) rotation at release, x y z w
+    middle_px: Floats  # (S,) image x of the path's middle, left view
+    quaternion: Floats  # (S, 4) rotation on leaving the emission plane, x y z w
     axis: Floats  # (S, 3) unit axis of the spin
     spin_rad_s: Floats  # (S,) speed of the spin
     drift: Floats  # (S, 2) speed in x and z relative to the speed downwards
-    scale: Floats  # (S, 3) scale along the model's axes relative to its radius, the largest 1
+    scale: Floats  # (S, 3) scales along the model's axes, relative to its radius; the largest is 1
 
 
 class ParticleSizes(NamedTuple):
@@ -79,7 +79,7 @@ class ParticleSizes(NamedTuple):
 
     low: float
     high: float
-    metric: bool = False  # whether diameters are in metres, so that far models look smaller; else they are in pixels
+    metric: bool = False  # whether diameters are in metres; otherwise in pixels of the image, whatever the depth
 
     def radius_px(self, camera: StereoCamera, disparity_px: Floats, quantile: Floats) -> Floats:
         """Return the radii, px, of quantiles (0 to 1) of the sizes at disparities; both arrays are broadcast."""
@@ -105,15 +105,15 @@ def stated_sizes(section: ParticlesSection, layer: DepthLayerSection | None = No
 class ParticleBatch(NamedTuple):
     """A number of particles in one range of disparities."""
 
-    disparity_px: Range  # of the paths' middles
-    number: int  # of particles
+    disparity_px: Range  # disparities of the paths' middles
+    number: int
     sizes: ParticleSizes
 
 
 def expected_cover(camera: StereoCamera, sizes: ParticleSizes, disparity_px: Floats, fill: float) -> Floats:
-    """Return the coverage that one particle adds at disparities (K,): the mean number of times it covers a pixel, (K,).
+    """Return the coverage (K,) of one particle at disparities (K,): the probability that it covers a given pixel.
 
-    The pixels are those of the left view. ``fill`` is `MeanModelRelief.fill`.
+    The pixel is in the left view. ``fill`` is `MeanModelRelief.fill`.
     """
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)
@@ -129,10 +129,10 @@ def expected_in_view(camera: StereoCamera, sizes: ParticleSizes, disparity_px: F
 
 
 def _mean_secant(camera: StereoCamera) -> float:
-    """Return the mean of the factor by which the left image shows areas larger than in its middle.
+    """Return the mean area, over the left image, of a small sphere's image, relative to that on the optical axis.
 
-    At an angle t to the axis and at depth Z, a surface of area a that faces the ray covers the solid angle
-    a cos(t)^2 / Z^2. The image maps a solid angle to f^2 / cos(t)^3 times its size. So the factor is 1 / cos(t).
+    At an angle t to the axis and at depth Z, a sphere with a disc of area a covers the solid angle a cos(t)^2 / Z^2.
+    The image maps a solid angle to f^2 / cos(t)^3 times its size. So the relative area is 1 / cos(t).
     """
     x = ((np.arange(16) + 0.5) / 16 * camera.width_px - 0.5 - camera.cx_left_px) / camera.focal_px
     y = ((np.arange(16) + 0.5) / 16 * camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px
@@ -140,14 +140,14 @@ def _mean_secant(camera: StereoCamera) -> float:
 
 
 def _release_width_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floats) -> Floats:
-    """Return the width, px of the left image, of the region in which particles fall: both views and their margins."""
+    """Return the width, px of the left image, of the region in which particles fall: both views and a radius aside."""
     return camera.width_px + np.abs(disparity_px) + 2 * radius_px
 
 
 def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
     """Return the lengths, px, of the paths of particles through both views of a rig without sway; any shape."""
-    view = vertical_extent(SequenceRig((camera,)))
-    return np.asarray((view.bottom - view.top) * camera.focal_px + sum(view.secants) * radius_px)
+    extent = vertical_extent(SequenceRig((camera,)))
+    return np.asarray((extent.bottom - extent.top) * camera.focal_px + sum(extent.secants) * radius_px)
 
 
 def sample_slots(
@@ -155,7 +155,7 @@ def sample_slots(
 ) -> ParticleSlots:
     """Sample the slots of one sequence, one for each particle of the batches.
 
-    If all batches together have more than ``section.most`` particles, they are reduced in proportion. Models whose
+    If all batches together have more than ``section.most`` particles, all are reduced in proportion. Models whose
     radius along the viewing axis would exceed ``rig.relief_px`` are flattened.
     """
     camera = rig.camera
@@ -174,24 +174,26 @@ def sample_slots(
     speed = section.fall_m_s.sample_many(rng, total)
     phase = rng.random(total)
     depth = camera.depth_m(disparity)
-    radius_m, view = radius * depth / camera.focal_px, vertical_extent(rig)
-    path = (view.bottom - view.top) * depth + sum(view.secants) * (radius_m + view.reach_m)
+    radius_m, extent = radius * depth / camera.focal_px, vertical_extent(rig)
+    path = (extent.bottom - extent.top) * depth + sum(extent.secants) * (radius_m + extent.reach_m)
     width = _release_width_px(camera, disparity, radius)
+    # Upper limit of a model's distance from the optical axis.
     aside = np.hypot(width * depth / camera.focal_px, path) * (1 + section.drift.high)
     flatness = np.minimum(rig.relief_px / radius, 1.0)
     nearer = depth - clear_depth_m(rig, radius_m * flatness, aside)
+    # In a narrow range of disparities, the drift in depth has the same limit as a model's relief.
     nearer = np.minimum(nearer, rig.relief_px * depth / camera.focal_px)
-    return ParticleSlots(depth, disparity, radius, flatness, path / speed, phase, path, nearer, view)
+    return ParticleSlots(depth, disparity, radius, flatness, path / speed, phase, path, nearer, extent)
 
 
 def sample_start(
     camera: StereoCamera, section: ParticlesSection, slots: ParticleSlots, rng: np.random.Generator
 ) -> ParticleStart:
-    """Sample how every slot's model of one generation starts."""
+    """Sample the start of every slot's model of one generation."""
     total = len(slots)
     width = _release_width_px(camera, slots.disparity_px, slots.radius_px)
-    # With a negative disparity, the right view shows particles that lie to the left of the left view.
-    start = rng.random(total) * width - slots.radius_px - 0.5 + np.minimum(slots.disparity_px, 0)
+    # With a negative disparity, the right view shows particles to the left of the left view.
+    middle = rng.random(total) * width - slots.radius_px - 0.5 + np.minimum(slots.disparity_px, 0)
     quaternion = rng.normal(size=(total, 4))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     axis = rng.normal(size=(total, 3))
@@ -200,43 +202,43 @@ def sample_start(
     heading = rng.uniform(0, 2 * np.pi, total)
     drift = section.drift.sample_many(rng, total)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
     scale = sample_scales(section, total, rng)
-    return ParticleStart(start, quaternion, axis, spin, drift, scale)
+    return ParticleStart(middle, quaternion, axis, spin, drift, scale)
 
 
 def particle_poses(
     camera: StereoCamera, slots: ParticleSlots, starts: Callable[[int], ParticleStart], time_s: float, generation: Ints
 ) -> Floats:
-    """Pose a model of every slot at any time, directly and without stepping.
+    """Pose one model of every slot at any time.
 
-    ``starts`` returns the start of all slots' models of a generation, given its number. ``generation`` (S,) chooses
-    the model of each slot. Before its release and after its end, a model continues along its path.
+    ``generation`` (S,) has the number of each slot's model. ``starts`` returns the start of all slots' models of one
+    generation. Before and after the time in which its slot shows a model, the model is on the extension of its path.
 
     Returns:
         world_from_model (S, 4, 4) of models of radius 1; the world is the left camera's frame without its sway.
     """
-    # Periods since the release: 0 to 1 while the slot shows the model.
+    # Periods since the model left the emission plane: 0 to 1 while the slot shows it.
     age = time_s / slots.period_s + slots.phase - generation
-    metre = slots.depth_m / camera.focal_px
+    m_per_px = slots.depth_m / camera.focal_px
     matrix = np.tile(np.eye(4), (len(slots), 1, 1))
     centre = matrix[:, :3, 3]
     radius_m = slots.radius_m(camera)
-    (above, below), apart_m = slots.view.secants, radius_m + slots.view.reach_m
-    nearest = np.maximum(slots.nearer_m, 0.0)
+    (top_secant, bottom_secant), margin_m = slots.extent.secants, radius_m + slots.extent.reach_m
+    nearer_m = np.maximum(slots.nearer_m, 0.0)
     for number in np.unique(generation):
         k = np.flatnonzero(generation == number)
         start = starts(int(number))
         drift_m = start.drift[k] * slots.path_m[k, None]
-        away_m = np.clip(drift_m[:, 1], -2 * nearest[k], 2 * nearest[k])
-        first_m, last_m = slots.depth_m[k] - away_m / 2, slots.depth_m[k] + away_m / 2
-        begin = slots.view.top * first_m - above * apart_m[k]
-        end = slots.view.bottom * last_m + below * apart_m[k]
-        centre[k, 0] = (start.start_px[k] - camera.cx_left_px) * metre[k] + (age[k] - 0.5) * drift_m[:, 0]
+        recedes_m = np.clip(drift_m[:, 1], -2 * nearer_m[k], 2 * nearer_m[k])
+        first_m, last_m = slots.depth_m[k] - recedes_m / 2, slots.depth_m[k] + recedes_m / 2
+        begin = slots.extent.top * first_m - top_secant * margin_m[k]
+        end = slots.extent.bottom * last_m + bottom_secant * margin_m[k]
+        centre[k, 0] = (start.middle_px[k] - camera.cx_left_px) * m_per_px[k] + (age[k] - 0.5) * drift_m[:, 0]
         centre[k, 1] = begin + age[k] * (end - begin)
-        centre[k, 2] = slots.depth_m[k] + (age[k] - 0.5) * away_m
+        centre[k, 2] = slots.depth_m[k] + (age[k] - 0.5) * recedes_m
         angle = start.spin_rad_s[k] * age[k] * slots.period_s[k]
         rotation = rotations_about(start.axis[k], angle) @ rotations_from_quaternions(start.quaternion[k])
         matrix[k, :3, :3] = rotation * (start.scale[k] * radius_m[k, None])[:, None, :]
-    # Flatten along the axis of the camera without its sway: a model must not change its shape as the camera moves.
+    # Flatten along the optical axis without sway, so that a model keeps its shape as the camera moves.
     matrix[:, 2, :3] *= slots.flatness[:, None]
     for slot, pose in slots.resting.items():
         matrix[slot] = pose

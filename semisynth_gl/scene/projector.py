@@ -35,28 +35,28 @@ def find_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
     """
     height, width = section.pattern_height_px, section.pattern_width_px
     if section.painted:
-        return _painted(section, height, width)
+        return _paint(section, height, width)
     try:
         pattern = to_grey(read_image(expanded(section.pattern)))
     except ImageError as error:
         raise InputError(f"projector.pattern: {error}") from None
     if pattern.shape != (height, width):
-        found = f"expected {width} x {height} px, got {pattern.shape[1]} x {pattern.shape[0]} px in {section.pattern}"
-        raise InputError(f"projector.pattern: {found}: set pattern_width_px and pattern_height_px")
+        sizes = f"expected {width} x {height} px, got {pattern.shape[1]} x {pattern.shape[0]} px in {section.pattern}"
+        raise InputError(f"projector.pattern: {sizes}: set pattern_width_px and pattern_height_px")
     return pattern
 
 
-def _painted(section: ProjectorSection, height: int, width: int) -> NDArray[np.uint8]:
+def _paint(section: ProjectorSection, height: int, width: int) -> NDArray[np.uint8]:
     rng = generator(0, Purpose.PROJECTOR)
     light = np.zeros((height, width))
-    reach = math.ceil(section.size_px / 2 + 1)
     if section.pattern == "stripes":
         step = section.size_px / section.density
         starts = (np.arange(math.ceil(width / step)) + rng.random(math.ceil(width / step))) * step
         away = np.abs(np.arange(width) - starts[:, None]).min(axis=0)
         light[:] = np.clip(section.size_px / 2 + 0.5 - away, 0, 1)
     else:
-        # One dot at a random position in each square of a grid, so that dots are nowhere crowded.
+        # Each square of a grid has one dot, at a random position, so that dots do not crowd anywhere.
+        reach = math.ceil(section.size_px / 2 + 1)
         step = section.size_px * math.sqrt(math.pi / 4 / section.density)
         rows, columns = (np.arange(math.ceil(side / step)) for side in (height, width))
         squares = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)

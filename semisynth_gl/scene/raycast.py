@@ -1,8 +1,8 @@
 """A float64 ray caster in plain numpy, for the oracle, `verify` and `bench`.
 
 The caster shares the classes of scenes, cameras and meshes with `semisynth_gl.render`, but no rendering code. It
-transforms vertices in float64; they are the renderer's float32 values. It is simple on purpose: without a hierarchy
-of bounding boxes, it compares each triangle with the rays in its rows.
+transforms the renderer's float32 vertices in float64. It is simple on purpose: without a hierarchy of bounding boxes,
+it compares each triangle with the rays in the triangle's rows.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.scene import Floats, Ints
-from semisynth_gl.scene.scene import Scene, placed_vertices
+from semisynth_gl.scene.scene import Scene, transform_vertices
 
-# Approximate number of rays that are compared with bounding boxes of triangles at a time, to bound memory.
+# Approximate number of pairs of a ray and a bounding box that are compared at a time, to bound memory.
 _COMPARISONS = 1_000_000
 # Margin of the bounding boxes, so that rounding of the projection never loses a ray on an edge.
 _BOX_MARGIN_PX = 1e-3
@@ -35,8 +35,8 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
     """Cast rays from one eye through R pixel positions; whole numbers are the centres of pixels.
 
     Among surfaces at the same depth, a ray hits the first instance and triangle. Rays pass through surfaces nearer than
-    ``scene.near_of(eye)``, which the renderer does not draw. The sky is behind everything else. Where instances of the
-    sky overlap, a ray hits the first of them.
+    ``scene.near_of(eye)``, which the renderer clips. The sky is behind everything else. Where instances of the sky
+    overlap, a ray hits the first of them.
 
     ``scene.model`` indexes ``models``. ``x_px`` and ``y_px`` have the R columns and rows, in any shape.
     """
@@ -72,7 +72,7 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
 def vertices_in_view(scene: Scene, models: Sequence[Mesh], eye: Eye, number: int) -> Floats:
     """Return the vertices (V, 3) of one instance, metres in the eye's frame."""
     turn = scene.camera.turn(eye)
-    vertices = placed_vertices(models[int(scene.model[number])], scene.view_from_model(number))
+    vertices = transform_vertices(models[int(scene.model[number])], scene.view_from_model(number))
     vertices[:, 0] -= scene.offset_m(eye, number)
     return vertices if turn is None else vertices @ turn.T
 

@@ -1,6 +1,6 @@
 """The rig of one sequence: its stereo cameras, their near plane and their sway.
 
-The sway is a bounded function of time, so any frame can be rendered first, and walls can keep clear of the camera.
+The sway is a bounded function of time. So any frame can be rendered first, and walls can stay out of the camera's way.
 """
 
 from collections.abc import Callable
@@ -26,15 +26,15 @@ _STEPS = 8
 _RELIEF = 0.1
 
 BEYOND_NEAR = 1.01
-"""`SequenceRig.clear_m` over the depth of the near plane."""
+"""Ratio of `SequenceRig.clear_m` to the depth of the near plane."""
 
 
 def sample_cameras(section: CameraSection, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
     """Sample the camera of each right view of a scene; the cameras differ only in the right eye.
 
     The sampled doffs belongs to the longest baseline. Unless the config states the right principal point, doffs is
-    proportional to the baseline. Disparities are then proportional to it, too, so a surface with a valid disparity in
-    one view has a valid disparity in all views.
+    proportional to the baseline. Disparities are then proportional to the baseline, so a surface with a valid disparity
+    in one view has a valid disparity in all views.
     """
 
     def sample(key: Range | None, default: float) -> float:
@@ -101,7 +101,7 @@ NO_SWAY = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SequenceRig:
-    """The cameras of a sequence, the near plane that nothing may cross, and the sway."""
+    """The cameras of a sequence, the limits of depth that follow from its disparities, and the sway."""
 
     views: tuple[StereoCamera, ...]  # the camera of each right view; the cameras differ only in the right eye
     near_m: float = 0.0  # depth of the near plane
@@ -148,40 +148,42 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     For a right camera that deviates, the plane is far enough away for its rectified twin, too. Raises InputError where
     ``min_px`` + doffs is not positive, or the deviation alone causes disparities of ``max_px`` or more.
     """
-    check_reachable(camera, section.min_px, "disparity.min_px")
+    check_has_depth(camera, section.min_px, "disparity.min_px")
     depth_m = plane_m = float(camera.depth_m(section.max_px))
     for _ in range(0 if camera.rectified else _STEPS):
         # Assume that the deviation's part of the disparity does not depend on the depth, which is nearly true.
-        deviates_px = _largest_disparity_px(camera, plane_m) - float(camera.disparity_px(plane_m))
-        if not section.max_px - deviates_px + camera.doffs_px > 0:  # True for nan, too: a point lies behind an eye.
+        deviation_px = _largest_disparity_px(camera, plane_m) - float(camera.disparity_px(plane_m))
+        if not section.max_px - deviation_px + camera.doffs_px > 0:  # True for nan, too: a point lies behind an eye.
             raise InputError(
                 f"disparity.max_px: {section.max_px:g} px leaves no depth in front of a camera that deviates by "
-                f"{camera.deviation}, which alone moves pixels by up to {deviates_px:g} px: raise disparity.max_px, or "
-                "narrow the ranges of rig"
+                f"{camera.deviation}, which alone moves pixels by up to {deviation_px:g} px: raise disparity.max_px, "
+                "or narrow the ranges of rig"
             )
-        plane_m = float(camera.depth_m(section.max_px - deviates_px))
+        plane_m = float(camera.depth_m(section.max_px - deviation_px))
     return max(depth_m, plane_m)
 
 
 def _relief_px(camera: StereoCamera, min_px: float, near_m: float) -> float:
     """Return `SequenceRig.relief_px`; inf if the depth of ``min_px`` is at least 2 ``near_m``."""
-    deeper = max(float(camera.depth_m(min_px)) / near_m - 1, 0.0)
-    return _RELIEF * camera.focal_px * deeper / (1 - deeper) if deeper < 1 else np.inf
+    # Depth of the range of disparities, in units of ``near_m``.
+    extent = max(float(camera.depth_m(min_px)) / near_m - 1, 0.0)
+    return _RELIEF * camera.focal_px * extent / (1 - extent) if extent < 1 else np.inf
 
 
 def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
     """Return the largest disparity, in both images, of a plane of constant planar depth in the left view."""
-    # It lies on the image's border, since the Hessian of a quotient of two linear functions has a negative determinant.
-    along, across = np.tile(np.linspace(0, 1, _ALONG_BORDER), 2), np.repeat((0.0, 1.0), _ALONG_BORDER)
-    x_px = np.concatenate([along, across]) * camera.width_px - 0.5
-    y_px = np.concatenate([across, along]) * camera.height_px - 0.5
+    # The maximum is on the image's border: disparity is a quotient of two linear functions of the pixel's position, and
+    # the Hessian of such a quotient has a negative determinant.
+    along, ends = np.tile(np.linspace(0, 1, _ALONG_BORDER), 2), np.repeat((0.0, 1.0), _ALONG_BORDER)
+    x_px = np.concatenate([along, ends]) * camera.width_px - 0.5
+    y_px = np.concatenate([ends, along]) * camera.height_px - 0.5
     left = -camera.correspondence("left", x_px, y_px, np.full_like(x_px, depth_m))[..., 0]
-    own_depth_m = depth_m / camera.rays("right", x_px, y_px)[..., 2]
-    right = camera.correspondence("right", x_px, y_px, own_depth_m)[..., 0]
+    right_depth_m = depth_m / camera.rays("right", x_px, y_px)[..., 2]
+    right = camera.correspondence("right", x_px, y_px, right_depth_m)[..., 0]
     return float(max(left.max(), right.max()))
 
 
-def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:
+def check_has_depth(camera: StereoCamera, disparity_px: float, key: str) -> None:
     """Raise InputError where a disparity of the config has no depth in front of the camera, since d + doffs <= 0.
 
     The two rays of a point with this disparity would never meet. ``key`` is the config's key of the disparity.
@@ -204,7 +206,7 @@ def sample_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
 
 
 def local_from_parent(position_m: Floats, turn_rad: Floats) -> Floats:
-    """Return the transform (4, 4) into the frame of a body, from the frame of its position and rotation vector (3,)."""
+    """Return local_from_parent, (4, 4), of a body whose position and rotation vector, (3,), are in the parent frame."""
     pose = np.eye(4)
     angle = float(np.linalg.norm(turn_rad))
     if angle > 0:

@@ -12,49 +12,52 @@ from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.view_volume import corner_rays, deepest_m, fit_box
 
-# Range of the far wall's depth, metres, in rooms of true size; with a nearer or farther wall, the room is scaled.
-_TRUE = Range(2.5, 9.0)
-# Range of the ceiling's height, metres, in rooms of true size.
-_HEIGHT = Range(2.4, 3.3)
+# Range of the far wall's depth, metres, in which rooms are not scaled.
+_UNSCALED = Range(2.5, 9.0)
+# Range of the ceiling's height, metres before scaling.
+_CEILING = Range(2.4, 3.3)
 # Share of a wall's edges by which the box behind a hole is larger than the hole on each side.
 _BEHIND = 1e-3
-# Factors by which a room behind a doorway is made smaller until it fits, and its smallest depth, in metres of the room.
-_SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25)
+# Factors of the size of a room behind a doorway, tried until the room fits, and its minimum depth before scaling.
+_SIZES = (1.0, 0.7, 0.5, 0.35, 0.25)
 _SHALLOWEST_M = 0.3
 
 
 def sample_room(
     config: Config, rig: SequenceRig, catalogue: ModelCatalogue, rng: np.random.Generator
 ) -> FloorSceneBuilder:
-    """Sample a furnished room, all of it beyond the near plane; raises InputError as `sample_wall_px` does."""
+    """Sample a furnished room; both views show all of it beyond the near plane.
+
+    Raises InputError as `sample_wall_px` does.
+    """
     section, background, camera = config.room, config.background, rig.camera
     wall_px = sample_wall_px(config, camera, rng)
     wall_m = float(camera.depth_m(wall_px))
-    # Walls must keep clear of the near plane, even if a large doffs leaves hardly any depths between min_px and max_px.
+    # A large doffs may leave hardly any depths between min_px and max_px; walls must still be beyond the near plane.
     farthest_m = max(float(camera.depth_m(min(wall_px, config.disparity.min_px))), rig.clear_m)
-    metre = wall_m / float(np.clip(wall_m, _TRUE.low, _TRUE.high))
+    metre = wall_m / float(np.clip(wall_m, _UNSCALED.low, _UNSCALED.high))
     height = section.camera_height_m.sample(rng) * metre
     row = section.floor_row.sample(rng) * camera.height_px - 0.5
     pitch = float(np.clip(np.arctan2(height, wall_m) - np.arctan2(row - camera.cy_px, camera.focal_y_px), -0.35, 0.9))
     turn = np.deg2rad(background.wall_turn_deg)
     yaw, roll = rng.uniform(-2, 2) * turn, rng.normal() * np.deg2rad(section.roll_deg)
     aside = rng.uniform(0.25, 1.15, 2)
-    above = max(_HEIGHT.sample(rng) * metre - height, 0.3 * metre)
+    above = max(_CEILING.sample(rng) * metre - height, 0.3 * metre)
 
-    def camera_from(height_m: float, share: float) -> Floats:
-        return camera_over_floor(height_m, share * yaw, share * pitch, share * roll)
+    def camera_from(height_m: float, factor: float) -> Floats:
+        return camera_over_floor(height_m, factor * yaw, factor * pitch, factor * roll)
 
     def offsets_m(normal: Floats, smallest_m: Floats) -> Floats:
         # The walls are in the order right, left, ahead, behind, ceiling, floor.
         reach = (corner_rays(camera) * wall_m @ normal.T).max(axis=0)
-        beside = smallest_m[:2] + aside * np.maximum(reach[:2] - smallest_m[:2], 0.5 * metre)
-        return np.array([*beside, wall_m * max(float(normal[2, 2]), 0.2), 0.5 * wall_m, above, height])
+        sides = smallest_m[:2] + aside * np.maximum(reach[:2] - smallest_m[:2], 0.5 * metre)
+        return np.array([*sides, wall_m * max(float(normal[2, 2]), 0.2), 0.5 * wall_m, above, height])
 
-    share, offset = fit_box(rig, lambda share: camera_from(height, share)[:3, :3], offsets_m, farthest_m, movable=4)
+    factor, offset = fit_box(rig, lambda factor: camera_from(height, factor)[:3, :3], offsets_m, farthest_m, movable=4)
     right, left, ahead, behind, above, height = offset
-    room = FloorSceneBuilder(rig, camera_from(float(height), share), catalogue, metre, rng, farthest_m)
+    room = FloorSceneBuilder(rig, camera_from(float(height), factor), catalogue, metre, rng, farthest_m)
     top = above + height
-    walls = (
+    walls = (  # ahead, on the right, on the left
         Wall(np.array([-left, ahead, top]), np.array([left + right, 0, 0]), top),
         Wall(np.array([right, ahead, top]), np.array([0, -ahead - behind, 0]), top),
         Wall(np.array([-left, -behind, top]), np.array([0, ahead + behind, 0]), top),
@@ -75,15 +78,15 @@ def sample_room(
 
 
 def _add_doorway(room: FloorSceneBuilder, wall: Wall) -> bool:
-    """Add a wall with a doorway, and behind it the largest room that fits; return False if no room fits."""
+    """Add a wall with a doorway, and the largest room behind it that fits; return False if no room fits."""
     number = int(room.rng.integers(len(DOORWAYS)))
     deep = room.rng.uniform(0.8, 4) * room.metre
     aside = room.rng.uniform(0.3, 1.5) * room.metre / wall.length_m
     (left, _), (right, _) = DOORWAY_HOLES[number]
-    for share in _SMALLER:
-        low, high = (left - share * aside, 0.0), (right + share * aside, 1.0)
-        is_deep = share * deep >= _SHALLOWEST_M * room.metre
-        if is_deep and _pierce(room, wall, DOORWAYS[number], low, high, share * deep):
+    for factor in _SIZES:
+        low, high = (left - factor * aside, 0.0), (right + factor * aside, 1.0)
+        is_deep = factor * deep >= _SHALLOWEST_M * room.metre
+        if is_deep and _pierce(room, wall, DOORWAYS[number], low, high, factor * deep):
             wall.taken.append(DOORWAY_HOLES[number])
             return True
     return False
@@ -96,17 +99,17 @@ def _add_niche(room: FloorSceneBuilder, wall: Wall) -> bool:
     if not _pierce(room, wall, NICHES[number], low, high, deep):
         return False
     wall.taken.append((low, high))
-    # The niche's floor, on which the things stand, lies a little below its hole.
+    # The niche's floor, on which the things stand, is a little below the hole.
     fill_niche(room, wall, low, (high[0], high[1] + _BEHIND), deep)
     return True
 
 
 def _pierce(room: FloorSceneBuilder, wall: Wall, model: Mesh, low: Corner, high: Corner, deep: float) -> bool:
-    """Add a wall with a hole, and the inside of a box behind it; return False if a view would see too deep.
+    """Add a wall with a hole, and the inside of a box behind the hole; return False if a view would see too deep.
 
     ``low`` and ``high`` are opposite corners (u, v) of the box on the wall. The box is ``deep`` metres deep.
     """
-    # The box is a little larger than its hole: without this overlap, float32 would leave gaps.
+    # The box is a little larger than the hole; otherwise float32 would leave gaps.
     (left, top), (right, bottom) = (low[0] - _BEHIND, low[1] - _BEHIND), (high[0] + _BEHIND, high[1] + _BEHIND)
     across, down, out = (right - left) * wall.right, (bottom - top) * wall.down, deep * wall.out
     # Each face of the box: top left corner, edge to the right, and edge down.

@@ -23,7 +23,7 @@ from semisynth_gl.scene.view_volume import clear_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
-# In the keys of generators, this number separates an attempt's number from a generation's number. No generation has it.
+# Separates a generation's number from an attempt's number in the keys of random generators; no generation has it.
 _REDONE = 2**31
 # First key of the generations released before time 0; no later generation has such a key.
 _BEFORE = 2**30
@@ -84,24 +84,24 @@ class SceneSequence:
         config = sampler.config
         self.static = static = sample_static_scene(config, sampler.catalogue, self._generator)
         rig, rng = static.rig, self._generator(Purpose.PARTICLES, 0)
-        # A repeated attempt uses the layers' quantiles of a sequence number that no dataset reaches.
+        # A repeated attempt takes the quantiles of another sequence, whose number no dataset reaches.
         batches = sampler.disparity_solver.sample(number + _REDONE * attempt, rig.camera, static.bare_px, rng)
         self.slots = sample_slots(rig, config.particles, batches, rng)
         section = config.projector
         self.projector = None if section is None else sample_projector(section, self._generator(Purpose.PROJECTOR))
-        self.slots = replace(self.slots, resting=self._resting())
+        self.slots = replace(self.slots, resting=self._resting_poses())
 
     def sample(self, frame: int, view: int) -> "SampledScene":
-        """Sample the scene of any frame, even outside the sequence, with the camera of a right view."""
+        """Sample the scene of a frame with the camera of a right view; the frame may be outside of the sequence."""
         static, rig, mapping = self.static, self.static.rig, self.sampler.mapping
-        table = np.concatenate([static.instances, self._falling(frame)], dtype=INSTANCE)
-        # Each particle has a texture of its own.
+        table = np.concatenate([static.instances, self._particles(frame)], dtype=INSTANCE)
+        # No two particles share a texture.
         count = len(static.instances)
         table["texture"][count:] = np.arange(count, len(table))
         slot, generation = table["slot"][count:], table["generation"][count:]
-        of_static = self._generator(Purpose.TEXTURE, 0).random((count, 4))
-        of_slots = self._per_slot(Purpose.TEXTURE, generation, slot, 4)
-        mapping.apply(table, np.concatenate([of_static, of_slots]), rig.camera)
+        static_uniform = self._generator(Purpose.TEXTURE, 0).random((count, 4))
+        slot_uniform = self._per_slot(Purpose.TEXTURE, generation, slot, 4)
+        mapping.apply(table, np.concatenate([static_uniform, slot_uniform]), rig.camera)
         layer, pose = mapping.layers(table["patch"], self.number, frame), self.camera_from_world(frame)
         scene = to_scene(table, rig.views[view], rig.near_m, pose, layer, self.projector)
         return SampledScene(scene, table, self, frame, view)
@@ -119,10 +119,10 @@ class SceneSequence:
 
         return particle_poses(camera, self.slots, starts, frame * config.sequence.frame_s, generation)
 
-    def _falling(self, frame: int) -> Instances:
-        """Return the table of the particles that a frame shows."""
+    def _particles(self, frame: int) -> Instances:
+        """Return the table of a frame's particles, falling and resting."""
         slots, shown = self.slots, self.slots.generation(frame * self.sampler.config.sequence.frame_s)
-        # These models stay beyond the near plane, so no camera is ever inside a model.
+        # All these models are beyond the near plane, so no camera is inside a model.
         slot = np.flatnonzero(slots.shown)
         generation, pose = shown[slot], self.particle_poses(frame, shown)[slot]
         model = self._models(generation, slot)
@@ -132,7 +132,7 @@ class SceneSequence:
             pose=pose,
             # Length of one UV unit: the model's unit times the mean of its scales along the axes.
             unit_m=np.linalg.norm(pose[:, :3, :3], axis=1).mean(axis=1)[:, None],
-            # Use the depth of the path's middle, not the model's: a texture must not slide over its model.
+            # The depth of the path's middle does not change, so a texture does not slide over its model.
             depth_m=slots.depth_m[slot],
             uv_low=self.sampler.catalogue.uv_low[model],
             uv_high=self.sampler.catalogue.uv_high[model],
@@ -141,16 +141,16 @@ class SceneSequence:
             resting=np.isin(slot, list(slots.resting)),
         )
 
-    def _resting(self) -> dict[int, Floats]:
-        """Choose slots, and lower their models onto the surfaces below; return the poses (4, 4) by slot."""
-        static, slots, models = self.static, self.slots, self.sampler.models
+    def _resting_poses(self) -> dict[int, Floats]:
+        """Choose slots, and lower their first models onto the surfaces below; return the poses (4, 4) by slot."""
+        static, slots, models, camera = self.static, self.slots, self.sampler.models, self.static.rig.camera
         chance = self._generator(Purpose.RESTING).random(len(slots))
         chosen = np.flatnonzero(chance < self.sampler.config.particles.resting)
         if not len(chosen):
             return {}
-        first, camera = np.zeros(len(slots), np.int64), static.rig.camera
-        poses, radius_m = self.particle_poses(0.0, first), slots.radius_m(camera)
-        meshes = [models[number] for number in self._models(first[chosen], chosen)]
+        generation = np.zeros(len(slots), np.int64)
+        poses, radius_m = self.particle_poses(0.0, generation), slots.radius_m(camera)
+        meshes = [models[number] for number in self._models(generation[chosen], chosen)]
         ground = static.instances[~static.instances["sky"]]
         corners = triangles_of(models, ground["model"], ground["pose"])
         resting = {}
@@ -173,7 +173,7 @@ class SceneSequence:
         return generator(self.sampler.seed, purpose, self.number, *numbers, *redone)
 
     def _of_generation(self, purpose: Purpose, generation: int) -> np.random.Generator:
-        """Return the generator of one generation; key 0 of PARTICLES and TEXTURE is for what all frames share."""
+        """Return the generator of one generation. Key 0 of PARTICLES and TEXTURE is for what all generations share."""
         key = generation if generation >= 0 else _BEFORE - generation
         return self._generator(purpose, key + (purpose is not Purpose.SHAPE))
 
@@ -189,7 +189,7 @@ class SceneSequence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
-    """The scene of one pair, and where its instances come from."""
+    """The scene of one pair, with the table of its instances and its place in the dataset."""
 
     scene: Scene
     instances: Instances  # (N,) in the order of the scene's arrays; the static instances come first
@@ -212,31 +212,31 @@ class SampledScene:
         return replace(self, scene=replace(self.scene, camera=self.views[view]), view=view)
 
     def motion(self, frames: int) -> Motion:
-        """Return the motion of the instances to the frame ``frames`` later, which may lie outside the sequence."""
+        """Return the motion of the instances over ``frames`` frames, even beyond the ends of the sequence."""
         target = self.sequence.sample(self.frame + frames, self.view)
         static = len(self.sequence.static.instances)
         now, then = self.instances[static:], target.instances[static:]
-        # A slot shows one model at a time; a model is gone if its slot shows a different generation then.
+        # A model is gone if its slot shows no model at the target moment, or a model of a different generation.
         row_of_slot = np.full(len(self.sequence.slots), -1)
         row_of_slot[then["slot"]] = np.arange(len(then))
         row = row_of_slot[now["slot"]]
         stays = row >= 0
         stays[stays] = then["generation"][row[stays]] == now["generation"][stays]
         instance = np.concatenate([np.arange(static), np.where(stays, static + row, -1)])
-        return Motion(target.scene, self._moved(target.frame), instance)
+        return Motion(target.scene, self._poses(target.frame), instance)
 
     def moment(self, frames: float) -> Scene:
-        """Return the scene with the same instances, posed ``frames`` later; a fraction of a frame is possible."""
+        """Return the scene with the same instances, ``frames`` frames or fractions of a frame later."""
         pose = self.sequence.camera_from_world(self.frame + frames)
-        return replace(self.scene, camera_from_world=pose, world_from_model=self._moved(self.frame + frames))
+        return replace(self.scene, camera_from_world=pose, world_from_model=self._poses(self.frame + frames))
 
-    def _moved(self, frame: float) -> Floats:
-        """Return the poses (N, 4, 4) of these instances at any frame, even one in which they are not visible."""
-        moved, falling = self.instances["pose"].copy(), self.instances["slot"] >= 0
-        slots, generation = self.instances["slot"][falling], np.zeros(len(self.sequence.slots), np.int64)
-        generation[slots] = self.instances["generation"][falling]
-        moved[falling] = self.sequence.particle_poses(frame, generation)[slots]
-        return moved
+    def _poses(self, frame: float) -> Floats:
+        """Return the poses (N, 4, 4) of these instances at any frame, even one that does not show them."""
+        poses, moving = self.instances["pose"].copy(), self.instances["slot"] >= 0
+        slots, generation = self.instances["slot"][moving], np.zeros(len(self.sequence.slots), np.int64)
+        generation[slots] = self.instances["generation"][moving]
+        poses[moving] = self.sequence.particle_poses(frame, generation)[slots]
+        return poses
 
     def provenance(self) -> dict[str, Any]:
         """Return the origin of the pair's scene, in JSON's types.

@@ -12,8 +12,8 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.arguments import LEAST, MOST, check_magnitudes, to_array, to_real
 from semisynth_gl.inputs.errors import InputError
 
-# A point's depth in a deviating right camera is at least this share of its depth in the left camera, if the view is at
-# most as wide as it is deep.
+# A right camera is rotated by at most 10 degrees about x. So a point less than 70 degrees off the left optical axis has
+# at least this share of its left depth in the right view.
 _DEVIATING_NEAR = 0.5
 
 
@@ -62,7 +62,7 @@ class Projector:
 class Scene:
     """A camera and N instances of models, each textured with one layer of the patch atlas.
 
-    Numbers may be up to 1e9 in magnitude: poses are composed in float64, but rendered in float32.
+    Numbers may be up to 1e9 in magnitude.
 
     Attributes:
         camera: the stereo camera.
@@ -74,9 +74,8 @@ class Scene:
         layer: (N,) int64, indices into the patch atlas; large patches follow the others.
         uv_scale: (N, 2) float64, patches per unit of the model's UV.
         uv_offset: (N, 2) float64, patches; patch coordinate = uv * uv_scale + uv_offset.
-        sky: (N,) bool, whether each instance is infinitely far away; by default none is. Both eyes see such an instance
-            behind all others, in the same directions as from the world's origin. The position of the cameras does not
-            change these directions.
+        sky: (N,) bool, whether each instance is infinitely far away; by default none is. It is behind all other
+            instances. Wherever a camera is, it sees points of the sky in their directions from the world's origin.
         projector: the projector that lights the scene; with None, colours are those of the patches.
 
     Raises:
@@ -124,16 +123,13 @@ class Scene:
         pose: NDArray[np.float64] = self.camera_from_world @ self.world_from_model[which]
         sky = self.sky[which]
         if sky.any():
-            # The camera's position does not matter to infinitely distant instances.
-            turned = (self.camera_from_world[:3, :3] @ self.world_from_model[which][..., :3, 3:])[..., 0]
-            pose[..., :3, 3] = np.where(sky[..., None], turned, pose[..., :3, 3])
+            # Only rotate the positions of infinitely distant instances.
+            rotated = (self.camera_from_world[:3, :3] @ self.world_from_model[which][..., :3, 3:])[..., 0]
+            pose[..., :3, 3] = np.where(sky[..., None], rotated, pose[..., :3, 3])
         return pose
 
     def offset_m(self, eye: Eye, which: int | EllipsisType = ...) -> NDArray[np.float64]:
-        """Return how far an eye is to the right of the left eye, metres; 0 for instances of the sky.
-
-        The result is (N,) for all instances, or () for one.
-        """
+        """Return x of an eye in the left camera's frame, 0 for the sky: (N,) metres for all instances, () for one."""
         return np.where(self.sky[which], 0.0, self.camera.offset_m(eye))
 
 
@@ -143,9 +139,9 @@ class Motion:
 
     Attributes:
         scene: the scene at the target moment; it has the same camera.
-        world_from_model: (N, 4, 4) float64, poses of the N instances at the target moment, even of instances that are
-            not rendered then.
-        instance: (N,) int64, index of each instance in ``scene``; -1 for an instance that is not rendered then.
+        world_from_model: (N, 4, 4) float64, poses of the N instances at the target moment.
+        instance: (N,) int64, index of each instance in ``scene``; -1 for an instance that is not rendered at the target
+            moment.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -156,13 +152,13 @@ class Motion:
     instance: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        n, then = len(self.instance), len(self.scene)
+        n, target = len(self.instance), len(self.scene)
         if self.instance.shape != (n,) or self.world_from_model.shape != (n, 4, 4):
             shapes = f"{self.instance.shape} and {self.world_from_model.shape}"
             raise InputError(f"expected instance (N,) and world_from_model (N, 4, 4), got {shapes}", argument="motion")
         low, high = (int(self.instance.min()), int(self.instance.max())) if n else (-1, -1)
-        if low < -1 or high >= then:
-            raise InputError(f"instance must be -1 to {then - 1}, got {low} to {high}", argument="motion")
+        if low < -1 or high >= target:
+            raise InputError(f"instance must be -1 to {target - 1}, got {low} to {high}", argument="motion")
         check_magnitudes("motion: world_from_model", self.world_from_model)
 
     def seen_by(self, camera: StereoCamera) -> "Motion":
@@ -170,13 +166,13 @@ class Motion:
         return replace(self, scene=replace(self.scene, camera=camera))
 
 
-def placed_vertices(mesh: Mesh, target_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
+def transform_vertices(mesh: Mesh, target_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a model's vertices, (V, 3) float64, in the target frame of a pose (4, 4)."""
     return np.asarray(mesh.positions.astype(np.float64) @ target_from_model[:3, :3].T + target_from_model[:3, 3])
 
 
 def move(scene: Scene, *, world_from_model: object = None, camera_from_world: object = None) -> Motion:
-    """Return the motion of a hand-made scene to a target moment, at which all its instances are rendered, too.
+    """Return the motion of a hand-made scene to a target moment, at which the same instances are rendered.
 
     Args:
         scene: the scene.
@@ -191,8 +187,8 @@ def move(scene: Scene, *, world_from_model: object = None, camera_from_world: ob
         poses = to_array("world_from_model", world_from_model, np.float64)
     if camera_from_world is not None:
         camera = to_array("camera_from_world", camera_from_world, np.float64)
-    then = replace(scene, world_from_model=poses, camera_from_world=camera)
-    return Motion(then, then.world_from_model, np.arange(len(scene)))
+    target = replace(scene, world_from_model=poses, camera_from_world=camera)
+    return Motion(target, target.world_from_model, np.arange(len(scene)))
 
 
 def make_scene(

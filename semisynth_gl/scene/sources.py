@@ -19,8 +19,8 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
 
-# Before values are hashed, they are rounded to these steps: _LENGTH for lengths (in radii of a model), shares and
-# heights; _LEVELS for means of pixels (in levels).
+# Before values are hashed, they are rounded to these steps: lengths in radii of a model, shares and chances to _LENGTH,
+# and mean levels of pixels to _LEVELS.
 _LENGTH = 1e-5
 _LEVELS = 0.5
 
@@ -31,7 +31,7 @@ class SceneSources:
 
     atlas: Atlas  # in grey if the config's cameras are monochrome
     libraries: tuple[ModelLibrary, ...]  # the models of each recipe, all with the same `models`; at least one
-    photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty where all patches are procedural
+    photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty if all patches are procedural
     pattern: NDArray[np.uint8] | None = None  # (H, W), of the projector
     pattern_is_read: bool = False  # whether the pattern comes from a file; a painted pattern needs no checksum
 
@@ -68,7 +68,7 @@ class SceneSources:
             models = crc32(np.ascontiguousarray(mesh.triangles), models)
             for lengths in (mesh.positions, mesh.uv):
                 models = crc32(_rounded(lengths, _LENGTH), models)
-        # The number of particles depends on the mean relief.
+        # The numbers of particles depend on the mean relief.
         for library in self.libraries:
             relief = library.relief
             for numbers in (np.array([relief.fill]), relief.heights, library.chances):
@@ -80,10 +80,8 @@ class SceneSources:
 
 
 def _rounded(values: NDArray[Any], step: float) -> Ints:
-    """Round values to whole steps, so that values that differ only in their last bits become equal.
-
-    Zero and round numbers are frequent. The shift keeps them far from the limits of a step, where last bits matter.
-    """
+    """Round values to whole steps, so that values that differ only in their last bits become equal."""
+    # The shift keeps frequent values, such as 0 and round numbers, away from the ends of steps.
     return np.floor(np.ascontiguousarray(values, np.float64) / step + 0.317).astype(np.int64)
 
 
@@ -106,7 +104,7 @@ def prepare_sources(config: Config, split: Split) -> SceneSources:
     """
     projector = config.projector
     pattern = None if projector is None else find_pattern(projector)
-    # Look for photographs before models, which take seconds to build: so missing photographs are reported at once.
+    # Look for photographs first: models take seconds to build, and missing photographs are then reported at once.
     photographs = split_images(config.textures, split)
     libraries = recipe_libraries(config, split)
     atlas = prepare_atlas(config.textures, split, photographs)

@@ -1,4 +1,4 @@
-"""Samples the static scene of a sequence: its rig, and its background with structures (ground, panels) or furniture."""
+"""Samples the static scene of a sequence: its rig, and all its instances except the particles."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.background import Kind, lay_ground, sample_cuboid, sample_kind, sample_plane
+from semisynth_gl.scene.background import BackgroundKind, lay_ground, sample_cuboid, sample_kind, sample_plane
 from semisynth_gl.scene.catalogue import CURVED_PANEL, FACE, GROUND, SURFACE_MODELS, ModelCatalogue
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
-from semisynth_gl.scene.left_view import GRID, measure
-from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig, check_reachable, sample_rig
+from semisynth_gl.scene.left_view import GRID, measure_left_view
+from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig, check_has_depth, sample_rig
 from semisynth_gl.scene.room import sample_room
-from semisynth_gl.scene.scene import placed_vertices
+from semisynth_gl.scene.scene import transform_vertices
 from semisynth_gl.scene.street import sample_street
 from semisynth_gl.scene.view_volume import smallest_offsets
 from semisynth_gl.seeds.seeds import Purpose
@@ -23,14 +23,14 @@ from semisynth_gl.seeds.seeds import Purpose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticScene:
-    """The part of a scene that all frames of a sequence share: the rig, and all instances except the particles."""
+    """The part of a scene that all frames of a sequence share."""
 
     rig: SequenceRig
-    background: Kind
-    instances: Instances  # background (for a street, the backdrop), then structures or furniture
+    background: BackgroundKind
+    instances: Instances  # first the background's faces (the backdrop of a street), then everything in front of them
     bare_px: Floats  # (R,) disparities of the left view, on the coarse grid of `grid_px`
     up: Floats  # (3,) unit vector upwards, in the left camera's frame
-    farthest_m: float  # maximum depth in the views of a room; inf for other backgrounds
+    farthest_m: float  # intended maximum depth in the views of a room; inf for other backgrounds
 
 
 def sample_static_scene(
@@ -39,7 +39,7 @@ def sample_static_scene(
     """Sample the static scene of one sequence.
 
     ``generator_for`` returns the generator for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY. Raises InputError
-    where disparity + doffs is not positive for a disparity of the config, or the sway would need an infinite plane.
+    where disparity + doffs is not positive for a disparity of the config, or as `sample_plane` does.
     """
     rig = sample_rig(config, generator_for)
     camera, near_m, rng = rig.camera, rig.near_m, generator_for(Purpose.BACKGROUND)
@@ -48,37 +48,35 @@ def sample_static_scene(
     sky = may_be_sky and bool(generator_for(Purpose.SKY).random() < config.background.sky)
     if kind in ("room", "street"):
         if kind == "room":
-            things = sample_room(config, rig, catalogue, rng)
+            builder = sample_room(config, rig, catalogue, rng)
         else:
-            things = sample_street(config, rig, catalogue, rng, sky=sky)
-        table = things.table()
+            builder = sample_street(config, rig, catalogue, rng, sky=sky)
+        table = builder.table()
         table["sky"][0] = sky
-        bare_px = measure(table, camera, near_m, catalogue.models)
-        return StaticScene(rig, kind, table, bare_px, things.camera_from_floor[:3, 2], things.farthest_m)
+        bare_px = measure_left_view(table, camera, near_m, catalogue.models)
+        return StaticScene(rig, kind, table, bare_px, builder.camera_from_floor[:3, 2], builder.farthest_m)
     if kind == "plane":
         background = sample_plane(config, rig, rng, sky=sky)
         seen_m = np.full(GRID[0] * GRID[1], np.inf if sky else background["depth_m"])
     else:
         background, seen_m = sample_cuboid(config, rig, rng)
     bare_px = camera.disparity_px(seen_m)
-    # If the plane is a sky, the ground ends at the plane's ``depth_m``.
+    # Below a sky, the ground ends at the sky's ``depth_m``.
     far_m = float(background["depth_m"][0] if sky else camera.depth_m(bare_px.min()))
     structures = sample_structures(config, rig, far_m, generator_for(Purpose.STRUCTURES))
     table = np.concatenate([background, structures], dtype=INSTANCE)
     table["texture"] = np.arange(len(table))
-    # The background keeps its depths (``fixed``). Walls may stand exactly at BEYOND_NEAR times the near plane's depth,
-    # so the hits are found with a slightly nearer plane.
-    seen_px = measure(table, camera, near_m / BEYOND_NEAR, catalogue.models, fixed=len(background))
+    # The background keeps its depths (``fixed``). The near plane is a little nearer here, so that it clips no wall.
+    seen_px = measure_left_view(table, camera, near_m / BEYOND_NEAR, catalogue.models, fixed=len(background))
     bare_px = seen_px if len(structures) else bare_px
     return StaticScene(rig, kind, table, bare_px, np.array([0.0, -1.0, 0.0]), np.inf)
 
 
 def sample_structures(config: Config, rig: SequenceRig, far_m: float, rng: np.random.Generator) -> Instances:
-    """Sample the structures in front of a background of depth ``far_m``; ``depth_m`` is that of the nearest vertex.
+    """Sample ground and panels in front of a background of depth ``far_m``; ``depth_m`` is that of the nearest vertex.
 
-    All structures are beyond the near plane in both views. If the camera sways, this holds only for the ground, and the
-    near plane cuts off panels that come too near. Raises InputError where ``ground_disparity_px`` + doffs or
-    ``panel_disparity_px`` + doffs is not positive.
+    All are beyond the near plane, but a swaying camera may come so near to a panel that the near plane clips it. Raises
+    InputError where ``ground_disparity_px`` + doffs or ``panel_disparity_px`` + doffs is not positive.
     """
     section, sampled = config.structures, list[tuple[Mesh, Floats]]()
     if rng.random() < section.ground:
@@ -101,7 +99,7 @@ def _sample_ground(config: Config, rig: SequenceRig, far_m: float, rng: np.rando
         height = section.ground_height_m.sample(rng)
     else:
         sampled_px = section.ground_disparity_px.sample(rng)
-        check_reachable(camera, sampled_px, "structures.ground_disparity_px")
+        check_has_depth(camera, sampled_px, "structures.ground_disparity_px")
         height = float(camera.depth_m(sampled_px)) * ((camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px)
     roll, pitch = np.deg2rad(rng.uniform(-section.ground_tilt_deg, section.ground_tilt_deg, 2))
     across = np.array([np.cos(roll), np.sin(roll), 0.0])
@@ -111,13 +109,13 @@ def _sample_ground(config: Config, rig: SequenceRig, far_m: float, rng: np.rando
 
 
 def _farther_half(config: Config, camera: StereoCamera) -> Range:
-    """Return the farther half of the config's range of disparities; max / min is the same in both halves."""
+    """Return the farther half of the config's range of disparities; both halves have the same ratio max / min."""
     disparity = config.disparity
     if not disparity.signed:
         return Range(disparity.min_px, (disparity.min_px * disparity.max_px) ** 0.5)
-    # Disparities may lie on both sides of 0, so split the range where both halves have the same ratio of depths.
-    nearness = (disparity.min_px + camera.doffs_px) * (disparity.max_px + camera.doffs_px)
-    return Range(disparity.min_px, max(disparity.min_px, nearness**0.5 - camera.doffs_px))
+    # Disparities may be on both sides of 0, so split the range where both halves have the same ratio of depths.
+    product = (disparity.min_px + camera.doffs_px) * (disparity.max_px + camera.doffs_px)
+    return Range(disparity.min_px, max(disparity.min_px, product**0.5 - camera.doffs_px))
 
 
 def _sample_panel(config: Config, rig: SequenceRig, rng: np.random.Generator) -> tuple[Mesh, Floats]:
@@ -125,24 +123,24 @@ def _sample_panel(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     section, camera = config.structures, rig.camera
     curved = bool(rng.random() < section.panel_curved)
     model = CURVED_PANEL if curved else FACE
-    where = section.panel_disparity_px or _farther_half(config, camera)
-    check_reachable(camera, where.low, "structures.panel_disparity_px")
-    depth = float(camera.depth_m(where.sample(rng)))
+    disparity_px = section.panel_disparity_px or _farther_half(config, camera)
+    check_has_depth(camera, disparity_px.low, "structures.panel_disparity_px")
+    depth = float(camera.depth_m(disparity_px.sample(rng)))
     size = section.panel_size_px.sample_many(rng, 2) * depth / camera.focal_px
     x, y = rng.random(2) * (camera.width_px, camera.height_px) - 0.5
     slant = np.deg2rad(section.panel_slant_deg.sample(rng))
-    towards, turn = rng.uniform(0, 2 * np.pi, 2)
+    azimuth, turn = rng.uniform(0, 2 * np.pi, 2)
     facing = bool(rng.random() < 0.5)
-    normal = np.array([np.sin(slant) * np.cos(towards), np.sin(slant) * np.sin(towards), np.cos(slant)])
-    first = cross(normal, np.array([np.sin(turn), np.cos(turn), 0.0]))
-    first /= np.linalg.norm(first)
+    normal = np.array([np.sin(slant) * np.cos(azimuth), np.sin(slant) * np.sin(azimuth), np.cos(slant)])
+    edge = cross(normal, np.array([np.sin(turn), np.cos(turn), 0.0]))
+    edge /= np.linalg.norm(edge)
     matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1] = first * size[0], cross(normal, first) * size[1]
+    matrix[:3, 0], matrix[:3, 1] = edge * size[0], cross(normal, edge) * size[1]
     matrix[:3, 2] = normal * size.mean() * (1 if facing else -1)
     # The origin of a face is its corner; the origin of a curved panel is its middle.
-    begin = np.zeros(3) if curved else -(matrix[:3, 0] + matrix[:3, 1]) / 2
-    matrix[:3, 3] = begin
-    nearest = float(placed_vertices(model, matrix)[:, 2].min())
+    origin = np.zeros(3) if curved else -(matrix[:3, 0] + matrix[:3, 1]) / 2
+    matrix[:3, 3] = origin
+    nearest = float(transform_vertices(model, matrix)[:, 2].min())
     depth = max(depth, rig.clear_m - nearest)
-    matrix[:3, 3] = begin + camera.rays("left", np.array(x), np.array(y)) * depth
+    matrix[:3, 3] = origin + camera.rays("left", np.array(x), np.array(y)) * depth
     return model, matrix

@@ -24,9 +24,9 @@ _LOW: Final[Diameters] = {
 }  # fmt: skip
 _FENCES: Final[Diameters] = {"fence": (2.2, 3.0)}
 
-# Minimum depth of the backdrop in a street of true size; with a nearer backdrop, the whole street is scaled down.
-_TRUE_REACH_M = 25.0
-# Maximum distance of things, and height of kerbs, in metres of the street.
+# Minimum depth of the backdrop of a street that is not scaled; with a nearer backdrop, the whole street is scaled down.
+_UNSCALED_M = 25.0
+# Maximum distance of things, and height of kerbs, metres before scaling.
 _FARTHEST = 90.0
 _KERB = 0.14
 # Number of positions to try for a thing.
@@ -39,14 +39,15 @@ _Span = tuple[float, float]
 def sample_street(
     config: Config, rig: SequenceRig, catalogue: ModelCatalogue, rng: np.random.Generator, *, sky: bool = False
 ) -> FloorSceneBuilder:
-    """Sample a street, all of it beyond the near plane.
+    """Sample a street; both views show all of it beyond the near plane.
 
-    The first thing is the backdrop: a far plane or, with ``sky``, the sky. Raises InputError as `sample_plane` does.
+    The first thing is the backdrop: the sky if ``sky`` is set, else a far plane. Raises InputError as `sample_plane`
+    does.
     """
     section, near_m = config.street, rig.near_m
     [backdrop] = sample_plane(config, rig, rng, sky=sky)
     backdrop_m = float(backdrop["depth_m"])
-    metre = min(1.0, backdrop_m / _TRUE_REACH_M)
+    metre = min(1.0, backdrop_m / _UNSCALED_M)
     yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))
     height = section.camera_height_m.sample(rng) * metre
     down = -camera_over_floor(height, yaw, pitch, roll)[:3, 2]
@@ -55,7 +56,7 @@ def sample_street(
     street = FloorSceneBuilder(rig, camera_from_floor, catalogue, metre, rng)
     pose = np.linalg.inv(camera_from_floor) @ backdrop["pose"]
     street.add(SURFACE_MODELS.index(FACE), pose, backdrop["unit_m"])
-    # The ground extends along the camera's viewing direction.
+    # The ground's length is along the camera's viewing direction.
     ahead = camera_from_floor[2, :3] * (1, 1, 0)
     along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))
     across = cross(along, camera_from_floor[:3, 2])
@@ -84,22 +85,24 @@ def sample_street(
 
 
 def _add_pavement(street: FloorSceneBuilder, kerb: float, side: int, width: float, ahead_m: _Span) -> None:
-    """Add a raised pavement in slabs that are longer with distance; slabs too near to the camera are not added."""
+    """Add a pavement of slabs, which are longer at a distance; slabs too near to the camera are not added."""
     (near_m, reach), metre = ahead_m, street.metre
     begin, first = 0.3 * near_m, None
     while begin < reach:
         end = min(begin + max(2.0 * metre, 0.6 * begin), reach)
-        half = np.array([width / 2, (end - begin) / 2, _KERB * metre])
         middle = (kerb + side * width / 2, (begin + end) / 2, 0)
-        added = street.add_box(middle, half, texture=first)
+        added = street.add_box(middle, (width, end - begin, _KERB * metre), texture=first)
         if added is not None:
             first = added if first is None else first
-            street.raised.append(((middle[0] - half[0], begin), (middle[0] + half[0], end), half[2]))
+            street.raised.append(((middle[0] - width / 2, begin), (middle[0] + width / 2, end), _KERB * metre))
         begin = end
 
 
 def _add_row(street: FloorSceneBuilder, section: StreetSection, border: float, side: int, ahead_m: _Span) -> None:
-    """Add houses, fences and gaps along one side of the road; ``side`` is -1 for the left, 1 for the right."""
+    """Add houses, fences and gaps along one side of the road; ``side`` is -1 for the left, 1 for the right.
+
+    ``border`` is x of the pavement's outer edge.
+    """
     metre, rng = street.metre, street.rng
     y = rng.uniform(0.2, 1.5) * ahead_m[0]
     while y < ahead_m[1]:
@@ -114,7 +117,7 @@ def _add_row(street: FloorSceneBuilder, section: StreetSection, border: float, s
                 street.stand(picked, (border + side * (back + deep / 2), y + wide / 2, 0), facing)
                 y += wide + rng.uniform(0, 2) * metre
             else:
-                street.add_box((border + side * (back + 4 * metre), y + long / 2, 0), (4 * metre, long / 2, high))
+                street.add_box((border + side * (back + 4 * metre), y + long / 2, 0), (8 * metre, long, high))
                 y += long + rng.uniform(0, 4) * metre
         elif kind < section.houses + section.fences:
             for _ in range(int(rng.integers(2, 7))):
@@ -131,10 +134,7 @@ def _add_row(street: FloorSceneBuilder, section: StreetSection, border: float, s
 
 
 def _stand(street: FloorSceneBuilder, sizes_m: Diameters, x_m: _Span, y_m: _Span, yaw_rad: float | None = None) -> None:
-    """Stand a thing where the floor is free; by default its yaw is random.
-
-    Positions are uniform in the logarithm of the distance.
-    """
+    """Stand a thing where the floor is free, at a distance that is log-uniform; by default the yaw is random."""
     picked, rng = street.pick(sizes_m), street.rng
     if picked is None:
         return

@@ -15,12 +15,14 @@ WIDEST_RAD = np.deg2rad(85).item()
 """Maximum angle of a ray to the optical axis at any moment of the sway; wider views are treated as unbounded."""
 
 # Maximum number of times that a box is made smaller.
-_FITS = 16
+_SHRINKINGS = 16
+# Minimum distance of a wall from an eye, as a share of the near plane's depth.
+_CLEARANCE = 0.05
 # Cosines of the sway's angle are raised to this value before division by them.
 _LEAST_COSINE = 1e-3
-# Shares of a box's angles, tried in this order until no corner is too deep. An unturned box has a wall straight ahead.
-_TURNED_BACK = (1.0, 0.5, 0.25, 0.0)
-# Walls that are brought in stay short of the farthest depth by this share.
+# Factors of a box's rotation, tried in this order until no corner is too deep. With 0, a wall is straight ahead.
+_ROTATIONS = (1.0, 0.5, 0.25, 0.0)
+# Walls that are moved inwards end this share before the maximum depth, because of rounding.
 _ROUNDING = 1e-9
 
 
@@ -39,7 +41,7 @@ def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
 
     Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray). Since
     normal . ray is linear over the image, its largest value is at a corner. A sway moves the eyes by at most its reach,
-    and the right eye by 2 B sin(angle / 2) more. It turns a ray by at most its angle towards the normal.
+    and the right eye by 2 B sin(angle / 2) more. The sway rotates a ray towards the normal by at most its angle.
 
     ``normal`` (F, 3) has the walls' unit normals, away from the camera. Distances (F,) are from the left camera's
     centre, metres.
@@ -47,7 +49,7 @@ def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
     camera, angle_rad, smallest = rig.camera, rig.sway.angle_rad, np.zeros(len(normal))
     for eye in EYES:
         shift = normal[:, 0] * camera.offset_m(eye) + _reach_m(rig, eye)
-        inside = shift + 0.05 * rig.near_m
+        inside = shift + _CLEARANCE * rig.near_m
         rays = corner_rays(camera, [eye])
         towards = rays @ normal.T
         if angle_rad > 0:
@@ -60,23 +62,23 @@ def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
 
 
 def deepest_m(rig: SequenceRig, faces: Floats) -> float:
-    """Return the maximum planar depth of flat faces in both views at any moment of the sway; 0 if no view has a face.
+    """Return the maximum planar depth of flat faces in both views at any moment of the sway; 0 if no view shows a face.
 
-    Hidden faces are included. Faces are convex. ``faces`` (F, 4, 3) has their corners in order around the border, in
-    the left camera's frame without its sway.
+    Faces behind other faces are included. Faces are convex. ``faces`` (F, 4, 3) has their corners in order around the
+    border, in the left camera's frame without its sway.
     """
     camera, sway, largest = rig.camera, rig.sway, 0.0
     views = [(eye, rays) for eye in EYES for rays in corner_rays(camera, [eye]).reshape(-1, 4, 3)]
     for eye, rays in views:
         inwards = _inwards(rays, sway.angle_rad)
-        # Points p of the view have at least this normal . p for each of the view's sides.
+        # A point p is in the view if normal . p >= least for each of the view's sides.
         least = inwards[:, 0] * camera.offset_m(eye) - _reach_m(rig, eye)
         for face in faces:
             part = face
             for normal, offset in zip(inwards, least, strict=True):
-                part = _clipped(part, normal, float(offset))
+                part = _clip(part, normal, float(offset))
             if len(part):
-                # The optical axis may turn towards a point at the side. The depth is convex: a corner is deepest.
+                # The optical axis may turn towards a point at the side. This bound is convex: a corner has the maximum.
                 aside = np.linalg.norm(part[:, :2], axis=1)
                 depth_m = part[:, 2] + aside * np.sin(sway.angle_rad) + sway.reach_m
                 largest = max(largest, float(depth_m.max()))
@@ -92,26 +94,26 @@ def fit_box(
 ) -> tuple[float, Floats]:
     """Turn a box around the cameras and move its walls so that, if possible, no view sees deeper than ``farthest_m``.
 
-    Walls are in the order of the axes, each followed by the opposite wall. First, walls that are too near are moved out
-    to their smallest distances. Then the first ``movable`` walls are brought in.
+    Walls are in the order of the axes, each followed by the opposite wall. Walls that are too near are first moved
+    outwards to their smallest distances. Then the first ``movable`` walls are moved inwards.
 
-    ``axes`` returns the box's axes as columns (3, 3) for a share of its angles. ``offsets_m`` returns the walls'
-    distances (6,) for their outward normals (6, 3) and smallest distances (6,).
+    ``axes`` returns the box's axes as columns (3, 3), for a factor from 0 to 1 of its angles. ``offsets_m`` returns the
+    walls' distances (6,), for their outward normals (6, 3) and smallest distances (6,).
 
     Returns:
-        The share of the angles, and the walls' distances (6,) from the left camera.
+        The factor of the angles, and the walls' distances (6,) from the left camera.
     """
-    for share in _TURNED_BACK:
-        normal = np.concatenate([(axis, -axis) for axis in axes(share).T])
+    for factor in _ROTATIONS:
+        normal = np.concatenate([(axis, -axis) for axis in axes(factor).T])
         smallest_m = smallest_offsets(rig, normal)
         offset_m = np.maximum(offsets_m(normal, smallest_m), smallest_m)
-        for _ in range(_FITS):
+        for _ in range(_SHRINKINGS):
             deepest = deepest_m(rig, _box_faces(normal, offset_m))
             if deepest <= farthest_m:
-                return share, offset_m
-            nearer = offset_m[:movable] * (farthest_m / deepest * (1 - _ROUNDING))
-            offset_m[:movable] = np.maximum(nearer, smallest_m[:movable])
-    return share, offset_m
+                return factor, offset_m
+            inwards_m = offset_m[:movable] * (farthest_m / deepest * (1 - _ROUNDING))
+            offset_m[:movable] = np.maximum(inwards_m, smallest_m[:movable])
+    return factor, offset_m
 
 
 def _box_faces(normal: Floats, offset_m: Floats) -> Floats:
@@ -127,7 +129,7 @@ def clear_depth_m(rig: SequenceRig, radius_m: Floats | float, aside_m: Floats | 
     """Return the smallest depth of a sphere's centre at which the sphere stays beyond the near plane at any moment.
 
     ``aside_m`` is the centre's largest distance from the optical axis of the camera without its sway. If the camera
-    turns away from a sphere at the side, the sphere's depth falls.
+    turns away from a sphere, the sphere's depth falls.
     """
     sine, cosine = np.sin(rig.sway.angle_rad), max(float(np.cos(rig.sway.angle_rad)), _LEAST_COSINE)
     return np.asarray((rig.near_m + radius_m + rig.sway.reach_m + aside_m * sine) / cosine)
@@ -138,20 +140,20 @@ class VerticalExtent(NamedTuple):
 
     top: float  # y / z of the highest rays; y points down
     bottom: float  # y / z of the lowest rays
-    secants: tuple[float, float]  # 1 / cos of the angles of the highest and the lowest rays, seen from the side
+    secants: tuple[float, float]  # sqrt(1 + (y / z)^2) of the highest and of the lowest rays
     reach_m: float  # largest distance by which the sway moves an eye
 
 
 def vertical_extent(rig: SequenceRig) -> VerticalExtent:
-    """Return the upper and lower limits of the space that both views show at any moment of the sway."""
+    """Return the vertical extent of a rig's views."""
     rays, sway = corner_rays(rig.camera), rig.sway
     angles = np.arctan2(rays[:, 1], rays[:, 2])
     low, high = float(angles.min()), float(angles.max())
     if sway.angle_rad > 0:
-        # As in `_inwards`, but angles beyond those of any image are clipped.
-        nearest = float((rays[:, 2] / np.linalg.norm(rays, axis=1)).min())
-        turned = [np.arcsin(min(np.sin(sway.angle_rad) * np.cos(end) / nearest, 1.0)) for end in (low, high)]
-        low, high = np.clip((low - turned[0], high + turned[1]), -WIDEST_RAD, WIDEST_RAD).tolist()
+        # The upper and the lower side of the view turn outwards as in `_inwards`, up to the widest angle.
+        least_cosine = float((rays[:, 2] / np.linalg.norm(rays, axis=1)).min())
+        turns = [np.arcsin(min(np.sin(sway.angle_rad) * np.cos(end) / least_cosine, 1.0)) for end in (low, high)]
+        low, high = np.clip((low - turns[0], high + turns[1]), -WIDEST_RAD, WIDEST_RAD).tolist()
     top, bottom = float(np.tan(low)), float(np.tan(high))
     return VerticalExtent(top, bottom, ((1 + top**2) ** 0.5, (1 + bottom**2) ** 0.5), _reach_m(rig, "right"))
 
@@ -163,29 +165,29 @@ def _reach_m(rig: SequenceRig, eye: Eye) -> float:
 
 
 def _inwards(rays: Floats, angle_rad: float) -> Floats:
-    """Return the inward unit normals (4, 3) of a view's four sides, or (0, 3) if the view is unbounded.
+    """Return the inward unit normals (4, 3) of the four planes that bound a view, or (0, 3) if the view is unbounded.
 
-    ``rays`` (4, 3) go through the view's corners; the view turns by up to ``angle_rad`` about any axis.
+    ``rays`` (4, 3) go through the view's corners. The view rotates by up to ``angle_rad`` about any axis.
     """
     normal = np.array([cross(rays[k], rays[(k + 1) % 4]) for k in range(4)])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     if angle_rad == 0:
         return normal
-    middle, towards = np.array([0, 0, 1.0]), rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    # Turn each side outwards about its line in the image, until all rays of the view lie on its inner side at all turns
-    # of the view. All rays lie within `widest` of the optical axis.
+    axis, towards = np.array([0, 0, 1.0]), rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    # Tilt each plane outwards until all rays of the rotated view are on its inner side. The angle between a ray and the
+    # optical axis is at most `widest`.
     widest = float(np.arccos(towards[:, 2].min()))
-    tilt_rad = np.arccos(np.clip(normal @ middle, -1, 1))
-    more = np.sin(angle_rad) * np.sin(tilt_rad) / np.cos(widest)
-    if widest + angle_rad >= WIDEST_RAD or (more >= 1).any():
+    tilt_rad = np.arccos(np.clip(normal @ axis, -1, 1))
+    sine = np.sin(angle_rad) * np.sin(tilt_rad) / np.cos(widest)
+    if widest + angle_rad >= WIDEST_RAD or (sine >= 1).any():
         return np.empty((0, 3))
-    turned_rad = tilt_rad - np.arcsin(more)
-    across = normal - (normal @ middle)[:, None] * middle
+    tilted_rad = tilt_rad - np.arcsin(sine)
+    across = normal - (normal @ axis)[:, None] * axis
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return np.asarray(np.cos(turned_rad)[:, None] * middle + np.sin(turned_rad)[:, None] * across)
+    return np.asarray(np.cos(tilted_rad)[:, None] * axis + np.sin(tilted_rad)[:, None] * across)
 
 
-def _clipped(polygon: Floats, normal: Floats, least: float) -> Floats:
+def _clip(polygon: Floats, normal: Floats, least: float) -> Floats:
     """Return the part (M, 3) of a convex polygon (N, 3) in which normal . p >= least (Sutherland and Hodgman 1974)."""
     inner = polygon @ normal - least
     inside = inner >= 0
@@ -193,11 +195,11 @@ def _clipped(polygon: Floats, normal: Floats, least: float) -> Floats:
         return polygon
     if not inside.any():
         return polygon[:0]
-    following, beyond = (np.concatenate([each[1:], each[:1]]) for each in (polygon, inner))
+    next_corner, next_inner = (np.concatenate([each[1:], each[:1]]) for each in (polygon, inner))
     with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = polygon + (inner / (inner - beyond))[:, None] * (following - polygon)
-    # Each inner corner, followed by the crossing on the side that begins at this corner.
-    both, kept = np.empty((2 * len(polygon), 3)), np.empty(2 * len(polygon), bool)
-    both[::2], both[1::2] = polygon, crossing
-    kept[::2], kept[1::2] = inside, inside != (beyond >= 0)
-    return both[kept]
+        crossing = polygon + (inner / (inner - next_inner))[:, None] * (next_corner - polygon)
+    # Put each corner before the crossing on the edge to the next corner.
+    points, kept = np.empty((2 * len(polygon), 3)), np.empty(2 * len(polygon), bool)
+    points[::2], points[1::2] = polygon, crossing
+    kept[::2], kept[1::2] = inside, inside != (next_inner >= 0)
+    return points[kept]

@@ -321,7 +321,7 @@ def test_particles_come_into_both_views_at_any_disparity():
     camera = StereoCamera.centred(100, 60, 50.0, 0.1, doffs_px=40.0)
     values = (np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 1.0, 0.5, 1.0, 1.0))
     slots = ParticleSlots(*values, vertical_extent(SequenceRig((camera,))))
-    start = sample_start(camera, ParticlesSection(), slots, np.random.default_rng(0)).start_px
+    start = sample_start(camera, ParticlesSection(), slots, np.random.default_rng(0)).middle_px
     # What the right view shows at its left border is left of the left view where its disparity is negative.
     assert start.min() == pytest.approx(-30 - 5 - 0.5, abs=0.3)
     assert start.max() == pytest.approx(100 + 5 - 0.5, abs=0.3)

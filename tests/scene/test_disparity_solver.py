@@ -203,8 +203,7 @@ def test_particles_show_their_fronts():
     shown = 80 / (1 - height * 140 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
     # Flattened to a relief of 70 px.
-    flat = SequenceRig((CAMERA,), 0.1, relief_px=70.0)
-    found = layers.exceedance(edges, flat, still, sizes, heights)[0]
+    found = layers.exceedance(edges, SequenceRig((CAMERA,), 0.1, relief_px=70.0), still, sizes, heights)[0]
     shown = 80 / (1 - height * 70 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
     # The depth of 80 px less a radius lies beyond no near plane of 1.6 m.

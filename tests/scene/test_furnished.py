@@ -122,7 +122,7 @@ def test_the_sides_of_a_box_wear_one_texture_and_are_the_size_that_they_say():
     # Some walls have their corner behind the camera.
     assert things.table()["depth_m"].min() == things.rig.near_m
     for texture in (None, 3):
-        first = things.add_box((0, 3, 0), (0.5, 0.2, 1.5), 0.4, texture)
+        first = things.add_box((0, 3, 0), (1, 0.4, 1.5), 0.4, texture)
         sides = things.things[first:]
         assert [side["texture"] for side in sides] == [first if texture is None else texture] * 5
         for side, corners in zip(sides, corners_of(things)[first:], strict=True):

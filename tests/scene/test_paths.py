@@ -57,10 +57,8 @@ def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed
     def seen(age, time_s):
         """Points (S, 300, 3) of the spheres around all models that are shown, in the swaying left camera's frame."""
         of_age = replace(slots, phase=np.full(COUNT, age))
-        poses, radius_m = (
-            particle_poses(camera, of_age, release, 0.0, np.zeros(COUNT, np.int64)),
-            slots.radius_m(camera),
-        )
+        poses = particle_poses(camera, of_age, release, 0.0, np.zeros(COUNT, np.int64))
+        radius_m = slots.radius_m(camera)
         assert (np.linalg.norm(poses[:, 2, :3], axis=1) <= slots.flatness * radius_m * (1 + 1e-9)).all()
         balls = SPHERE * radius_m[:, None, None]
         balls[..., 2] *= slots.flatness[:, None]
