@@ -110,7 +110,7 @@ def _triangles_hit(
 ) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Yield, for each instance, the numbers (N,) of its hits, and the triangles' corners (N, 3, 3) and normals (N, 3).
 
-    Corners and normals are in the eye's frame; normals have any length.
+    Corners and normals are in the eye's frame; normals are not unit vectors.
     """
     for number in np.unique(hits.instance[hits.instance >= 0]).tolist():
         hit = np.flatnonzero(hits.instance == number)
@@ -124,7 +124,7 @@ def depth_on_planes(
 ) -> Floats:
     """Return the depths, (R,) float64 m, at which rays cross the planes of the triangles in ``hits``; inf without hit.
 
-    If ``hits`` are those of rays beside the pixels, the depths are those that the surfaces there have at the pixels.
+    ``hits`` may be those of other rays nearby: then the depths are those of the surfaces next to the pixels, extended.
     """
     depth = np.full(len(x_px), np.inf)
     rays = scene.camera.rays_of_eye(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))

@@ -1,4 +1,4 @@
-"""The borders of rectified images, where the sensor saw nothing, and the masks there."""
+"""The borders of rectified images, where the sensor saw nothing, and the truth of points in borders."""
 
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -11,19 +11,19 @@ from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Vi
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.chain import LensChain
 
-# The masks, by the truth that gives a point's position in the other view or at the other moment.
+# The mask of each channel that gives a point's position in the other view, or in the next or previous frame.
 _MASKS = {name: channel.mask for name, channel in CHANNELS.items() if channel.mask is not None}
-# The channels that are computed from a pixel's disparity.
-_OF_DISPARITY = ("disparity", "correspondence", "disparity_change", "visibility")
+# The channels that exist only where a pixel has a disparity.
+_NEED_DISPARITY = ("disparity", "correspondence", "disparity_change", "visibility")
 
 
 def with_borders(
     frame: Frame, chains: Mapping[Eye, LensChain], outputs: Collection[str], *, border_disparity: bool
 ) -> Frame:
-    """Return a whole frame whose masks exclude points in a border, in either view or at either moment.
+    """Return an uncropped frame in which no mask says that a point in a border is visible.
 
-    The output ``valid`` is added to views that have truth. ``border_disparity`` says whether disparities in the view's
-    own border stay; all other truth does.
+    Views with truth get the output ``valid``. Without ``border_disparity``, pixels in a border lose their disparity,
+    and so do the channels that need one; other truth stays.
     """
     valid = {eye: chain.valid for eye, chain in chains.items()}
     views: dict[Eye, ViewArrays] = {}
@@ -32,28 +32,29 @@ def with_borders(
         changed: dict[str, NDArray[Any]] = {}
         for channel, mask in _MASKS.items():
             if mask in view:
-                # Files store only whether a point is visible, so borders are OCCLUDED too.
-                most = np.where(bordered(frame, eye, valid, channel), np.uint8(OCCLUDED), np.uint8(VISIBLE))
+                # Files store only whether a point is visible, so points in borders become OCCLUDED.
+                most = np.where(in_border(frame, eye, valid, channel), np.uint8(OCCLUDED), np.uint8(VISIBLE))
                 changed[mask] = np.minimum(view[mask], most)
         if "valid" in outputs and "disparity" in view:
             changed["valid"] = np.where(valid[eye], np.uint8(VISIBLE), np.uint8(OUTSIDE))
         if not border_disparity and "disparity" in view:
-            for name in _OF_DISPARITY:
+            for name in _NEED_DISPARITY:
                 if name in view:
-                    lost = bordered(frame, eye, valid, "flow") if name == "disparity_change" else ~valid[eye]
+                    # The change of disparity needs the disparity in the next frame too.
+                    lost = in_border(frame, eye, valid, "flow") if name == "disparity_change" else ~valid[eye]
                     changed[name] = changed.get(name, view[name]).copy()
                     changed[name][lost] = CHANNELS[name].fill
         views[eye] = view.with_channels(changed)
     return Frame(frame.camera, views["left"], views["right"])
 
 
-def bordered(
+def in_border(
     frame: Frame, eye: Eye, valid: Mapping[Eye, NDArray[np.bool_]], channel: str = "disparity"
 ) -> NDArray[np.bool_]:
-    """Return the pixels, (H, W) bool, whose point lies in a border, in this view or where ``channel`` leads.
+    """Return the pixels, (H, W) bool, that are in a border themselves, or whose points are in a border elsewhere.
 
-    The channel ``disparity`` leads to the other view, ``flow`` and ``flow_backward`` to the same view at the next and
-    the previous frame. ``valid`` is (H, W) bool for each eye, True where its sensor saw something.
+    ``channel`` says where: ``disparity`` in the other view, ``flow`` and ``flow_backward`` in the same view of the next
+    and the previous frame. ``valid`` is (H, W) bool for each eye, False in its border.
     """
     if channel != "disparity":
         return ~(valid[eye] & valid_at(valid[eye], *np.moveaxis(frame.view(eye)[channel], 2, 0)))
@@ -68,9 +69,10 @@ def bordered(
 def valid_at(
     valid: NDArray[np.bool_], along: NDArray[np.floating], down: NDArray[np.floating] | np.float32
 ) -> NDArray[np.bool_]:
-    """Return where the pixel nearest to a vector's end is valid, (H, W) bool; True outside the image.
+    """Return whether the pixel nearest to the end of each pixel's vector is valid, (H, W) bool.
 
-    ``along`` and ``down`` are (H, W) px, from each pixel. Vectors that are not finite end outside.
+    ``along`` and ``down`` are the vectors, (H, W) px. The result is True for vectors that end outside the image, where
+    masks are 0 anyway, or are not finite.
     """
     height, width = valid.shape
     if valid.all():

@@ -1,8 +1,8 @@
-"""From a pinhole image to a rectified one: through lens and sensor, and back by OpenCV's maps.
+"""One eye's images: rendered by a pinhole camera, seen through the lens, and rectified by OpenCV.
 
-    rendered image  by a pinhole camera with the rectified view, at least as dense as the sensor
-    raw image       what the sensor sees, which gets the imperfections
-    rectified       by ``initUndistortRectifyMap`` and ``remap``, bilinear, as users' programs rectify
+    rendered image   by a pinhole camera with the rectified view, in at least the resolution of the sensor
+    raw image        what the sensor sees; it gets the imperfections
+    rectified image  by ``initUndistortRectifyMap`` and ``remap``, bilinear, as users' programs rectify
 
 Truth does not pass the lens: it is computed at the centre of each rectified pixel.
 """
@@ -20,22 +20,22 @@ from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv
 
-# Step of the grid of raw pixels at which directions are exact; between them, they are interpolated by cubics.
+# Step of the pixel grid at which the lens is computed exactly; between grid points, cubics interpolate.
 _GRID_PX = 16
 # Tolerance, px, of the round trip through lens and inverse.
 _INVERSE_PX = 1e-3
-# Densities below this are treated as 1: over the widest image, they would add 2 px at most.
+# Largest density that counts as 1: a denser image would be wider by 2 px at most.
 _SAME_DENSITY = 1 + 1e-4
-# Rounding of OpenCV's float32 maps, px, at a border.
+# Tolerance at the sensor's border, px, since OpenCV's maps are float32.
 _BORDER_PX = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class LensChain:
-    """One eye's lens ``raw`` and its rectification to the pair ``camera``.
+    """The raw camera of one eye, and the rectification of its images for the rectified pair ``camera``.
 
-    ``border`` says how the rectified image is filled where the sensor saw nothing: black, or the nearest pixels'
-    colours. Raises InputError where OpenCV is missing, or the lens bends two rectified directions to one raw pixel.
+    ``border`` says what the rectified image shows where the sensor saw nothing: black, or the nearest pixel's colour.
+    Raises InputError where OpenCV is missing, or the lens bends two directions of the rectified view to one raw pixel.
     """
 
     raw: RawCamera
@@ -45,14 +45,12 @@ class LensChain:
 
     def __post_init__(self) -> None:
         x, y = (each[::_GRID_PX, ::_GRID_PX].astype(np.float64) for each in self.maps)
-        back = self.raw.to_rectified(self.pinhole, x, y)
+        x, y = self.raw.to_rectified(self.pinhole, x, y)
         rows, columns = (np.arange(0, side, _GRID_PX) for side in self.valid.shape)
-        seen = self.valid[::_GRID_PX, ::_GRID_PX]
-        missed = seen & ~(
-            np.hypot(back[0] - columns, back[1] - rows[:, None]) < _INVERSE_PX * np.max([1, self.density])
-        )
-        if missed.any():
-            row, column = np.argwhere(missed)[0] * _GRID_PX
+        error_px = np.hypot(x - columns, y - rows[:, None])
+        failed = self.valid[::_GRID_PX, ::_GRID_PX] & ~(error_px < _INVERSE_PX * np.max([1, self.density]))
+        if failed.any():
+            row, column = np.argwhere(failed)[0] * _GRID_PX
             raise InputError(
                 f"lens.{self.eye}: the distortion {list(self.raw.distortion)} bends two directions to one pixel of the "
                 f"raw image, one of them at ({column}, {row}) of the rectified image: it holds for a narrower view only"
@@ -71,17 +69,17 @@ class LensChain:
     def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """The column and the row of the raw image that each rectified pixel shows, (H, W) float32 px each."""
         cv2, raw = self._cv2, self.raw
-        of_model = cv2.fisheye if raw.model == "fisheye" else cv2
+        model = cv2.fisheye if raw.model == "fisheye" else cv2
         size = self.camera.width_px, self.camera.height_px
         distortion, rotation = (np.array(each, np.float64) for each in (raw.distortion, raw.rotation))
-        x, y = of_model.initUndistortRectifyMap(raw.matrix, distortion, rotation, self.pinhole, size, cv2.CV_32FC1)
+        x, y = model.initUndistortRectifyMap(raw.matrix, distortion, rotation, self.pinhole, size, cv2.CV_32FC1)
         return x, y
 
     @cached_property
     def raw_map(self) -> NDArray[np.float32]:
         """Both maps as one array, (H, W, 2) float32 px: column and row; inf behind the raw camera."""
         positions = np.stack(self.maps, axis=2)
-        # Of points at depth 1, the depth in the raw camera's frame is linear over the image.
+        # The rays of the rectified camera at depth 1 have depths in the raw camera's frame that are linear in x and y.
         across, down, middle = np.array(self.raw.rotation)[:, 2] @ np.linalg.inv(self.pinhole)
         rows, columns = (np.arange(side) for side in positions.shape[:2])
         ahead = across * columns + down * rows[:, None] + middle > 0
@@ -90,7 +88,7 @@ class LensChain:
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """Where the raw image has all four pixels from which the rectified one is interpolated, (H, W) bool."""
+        """The rectified pixels for which the raw image has all four pixels to interpolate from, (H, W) bool."""
         x, y = np.moveaxis(self.raw_map, 2, 0)
         inside: NDArray[np.bool_] = (x >= -_BORDER_PX) & (x <= self.raw.width_px - 1 + _BORDER_PX)
         inside &= (y >= -_BORDER_PX) & (y <= self.raw.height_px - 1 + _BORDER_PX)
@@ -98,7 +96,7 @@ class LensChain:
 
     @cached_property
     def density(self) -> float:
-        """Supersampling factor: the largest number of raw pixels per rectified pixel, at least 1."""
+        """Supersampling factor: the largest number of raw pixels along a rectified pixel, at least 1."""
         seen = self.valid[::_GRID_PX, ::_GRID_PX]
         # Behind the raw camera, maps are inf.
         x, y = (np.where(seen, each[::_GRID_PX, ::_GRID_PX].astype(np.float64) / _GRID_PX, 0) for each in self.maps)
@@ -112,29 +110,30 @@ class LensChain:
         return most if most > _SAME_DENSITY else 1.0
 
     def raw_image(self, rendered: NDArray[np.uint8], density: float) -> NDArray[np.uint8]:
-        """Return what the sensor sees of a rendered image, (H, W, 3) or (H, W) uint8, whose border is replicated.
+        """Return the raw image of a rendered image, both (H, W, 3) or (H, W) uint8.
 
-        ``density`` is how much denser the rendered image is than the rectified one.
+        ``density`` is the number of rendered pixels along a rectified pixel. Beyond the rendered image, its outermost
+        pixels are repeated.
         """
         x, y = self._sensor_maps
         if density != 1:
             x, y = ((each + 0.5) * np.float32(density) - np.float32(0.5) for each in (x, y))
         cv2 = self._cv2
-        seen: NDArray[np.uint8] = cv2.remap(rendered, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return seen
+        image: NDArray[np.uint8] = cv2.remap(rendered, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return image
 
     def within_view(self, raw_image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a raw image that is black beyond the rectified view; `rectify` returns the same for both."""
+        """Return a raw image in which pixels that are not `used` are black; `rectify` returns the same for both."""
         used = self.used
         return np.where(used[..., None] if raw_image.ndim == 3 else used, raw_image, np.uint8(0))
 
     @cached_property
     def used(self) -> NDArray[np.bool_]:
-        """The raw pixels that lie in the rectified view, or are read to interpolate it, (H, W) bool."""
+        """The raw pixels in the rectified view, and those that are read to interpolate it, (H, W) bool."""
         width, height = self.camera.width_px, self.camera.height_px
         columns, rows = self._sensor_maps
         within = (columns >= -0.5) & (columns < width - 0.5) & (rows >= -0.5) & (rows < height - 0.5)
-        # A rectified pixel reads up to four raw pixels beside the nearest; beyond the sensor, it reads its border.
+        # A rectified pixel reads four raw pixels, which are among the 3 x 3 around the nearest one.
         nearest = np.zeros(within.shape, np.uint8)
         x, y = self.maps
         last_x, last_y = self.raw.width_px - 1, self.raw.height_px - 1
@@ -154,7 +153,7 @@ class LensChain:
         down, below = _cubic(raw.height_px)
         grid = np.meshgrid(along, below)
         far = 4.0 * np.max([self.camera.width_px, self.camera.height_px])
-        # Pixels beyond the view show its border. Positions far beyond it would make the cubics swing within it.
+        # Raw pixels beyond the view show its border. Positions far away would make the cubics overshoot in the view.
         x, y = (np.clip(np.nan_to_num(each, nan=-far), -far, far) for each in raw.to_rectified(self.pinhole, *grid))
         # Float32 holds displacements to 1e-5 px, but not positions.
         columns, rows = (

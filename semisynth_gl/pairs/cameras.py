@@ -1,7 +1,7 @@
-"""The cameras of a rig: they expose rendered images, bend them by lenses, add imperfections, and rectify them.
+"""The cameras of a rig: motion blur, lenses, imperfections and rectification of rendered images.
 
-An exposure is the mean of images at several moments, symmetrically about the frame's own time. So the truth is the
-middle of a steadily moving point's blurred image.
+Motion blur is the mean of images at several moments before and after the frame's time, which is in the middle. So the
+truth of a point that moves steadily is at the middle of its blur.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,60 +29,59 @@ Channels = dict[str, NDArray[Any]]
 
 
 class RigCameras:
-    """The cameras of a rig. ``seed`` is the split's; ``renderer`` renders other moments and denser images."""
+    """The cameras of a rig. ``seed`` is the split's; ``renderer`` renders further moments and denser images."""
 
     def __init__(self, config: Config, seed: int, renderer: Renderer) -> None:
         self._config, self._seed, self._renderer = config, seed, renderer
-        self._chains: dict[Eye, tuple[object, LensChain]] = {}  # the latest of each eye, after its key
+        self._chains: dict[Eye, tuple[object, LensChain]] = {}  # by eye: the latest chain, and its raw camera and view
 
     def capture(
         self, frames: Sequence[Frame], sampled: SampledScene, views: Sequence[int]
     ) -> list[tuple[Frame, dict[str, Any]]]:
         """Return rendered frames as the cameras see them, and "lens" and "imperfections" of each pair's provenance.
 
-        Masks get the borders that lenses leave. The left eye's random values depend on the scene, the right eye's on
-        the scene and the view. Several frames share the images of the left view, which are read-only then.
+        Borders that lenses leave are marked. Random values of the left eye depend on the scene, those of a right eye on
+        the scene and the view. Several frames share their left images, which are then read-only.
 
         Args:
-            frames: the rendered pairs.
-            sampled: their scene.
-            views: the numbers of their right views.
+            frames: rendered frames of one scene.
+            sampled: the scene.
+            views: the number of each frame's right view.
         """
         if self._config.images_as_rendered:
             return [(frame, {}) for frame in frames]
-        captured, left = [], dict[Eye, Channels]()
+        results, channels = [], dict[Eye, Channels]()
         for view, frame in zip(views, frames, strict=True):
             seen = sampled.seen_by(view)
             chains = self._lens_chains(seen.sequence.number, seen.scene.camera)
-            made, records = self._views(frame, seen, chains, EYES if not left else ("right",))
-            channels = made | left
-            left = {"left": channels["left"]}
-            shown = {eye: frame.view(eye).with_channels(channels[eye]) for eye in EYES}
-            whole = Frame(frame.camera, shown["left"], shown["right"])
-            if chains and self._config.lens is not None:
+            captured, records = self._capture_eyes(frame, seen, chains, ("right",) if channels else EYES)
+            channels |= captured
+            left, right = (frame.view(eye).with_channels(channels[eye]) for eye in EYES)
+            result = Frame(frame.camera, left, right)
+            if self._config.lens is not None:
                 keep = self._config.lens.border_disparity
-                whole = with_borders(whole, chains, self._config.outputs, border_disparity=keep)
-            captured.append((whole, records))
+                result = with_borders(result, chains, self._config.outputs, border_disparity=keep)
+            results.append((result, records))
         if len(frames) > 1:
-            for array in left["left"].values():
+            for array in channels["left"].values():
                 array.flags.writeable = False
-        return captured
+        return results
 
-    def _views(
+    def _capture_eyes(
         self, frame: Frame, sampled: SampledScene, chains: Mapping[Eye, LensChain], eyes: Sequence[Eye]
     ) -> tuple[dict[Eye, Channels], dict[str, Any]]:
-        """Return the image and the outputs "raw" and "raw_map" of some eyes' views, and records for the provenance."""
+        """Return the image and the outputs "raw" and "raw_map" of some eyes, and the pair's records."""
         section, camera, records = self._config.imperfections, sampled.scene.camera, dict[str, Any]()
         number = sampled.sequence.number * self._config.sequence.length + sampled.frame
-        if chains:
+        if self._config.lens is not None:
             records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
-            if self._config.lens is not None and not self._config.lens.border_disparity:
+            if not self._config.lens.border_disparity:
                 records["lens"]["border_disparity"] = False
-        # All eyes expose at the same time, so a scene has one motion blur.
+        # Both eyes expose at the same time, so a scene has one motion blur.
         motion_blur = section.motion_blur.sample(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
-        # Each eye has the density of its own lens: pairs that share a left view may differ in the right lens.
+        # Not one density for both eyes: pairs that share a left view may differ in the right lens.
         densities = {eye: chains[eye].density if chains else 1.0 for eye in eyes}
-        images = self._exposed(frame, sampled, motion_blur, densities)
+        images = self._expose_eyes(frame, sampled, motion_blur, densities)
         points = {eye: camera.intrinsics_px(eye)[:2] for eye in EYES}
         if chains:
             images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
@@ -92,9 +91,9 @@ class RigCameras:
             for eye in EYES:
                 # The left eye's imperfections are the same for all right views.
                 view = 0 if eye == "left" else sampled.view
-                of_eye = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, view)
-                rng = of_eye()
-                values = sample_imperfections(section, rng, of_eye)
+                generator_of = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, view)
+                rng = generator_of()
+                values = sample_imperfections(section, rng, generator_of)
                 records["imperfections"][eye] = values | ({"motion_blur": motion_blur} if motion_blur > 0 else {})
                 if eye in images:
                     images[eye] = apply_imperfections(images[eye], Imperfections(**values), rng, points[eye])
@@ -102,23 +101,23 @@ class RigCameras:
             eye: self._rectified(chains[eye], image) if chains else {"image": image} for eye, image in images.items()
         }, records
 
-    def _exposed(
+    def _expose_eyes(
         self, frame: Frame, sampled: SampledScene, motion_blur: float, densities: Mapping[Eye, float]
     ) -> Images:
-        """Return the images of eyes in the densities of their lenses, blurred by motion."""
+        """Return the images of the eyes of ``densities``, each in its density and with motion blur."""
         images, scenes = Images(), [sampled.scene]
         if motion_blur > 0:
             count = self._config.imperfections.sub_frames
             scenes = [sampled.moment(frames) for frames in moments(motion_blur, count)]
         for density in dict.fromkeys(densities.values()):
-            alike = [eye for eye in densities if densities[eye] == density]
+            eyes = [eye for eye in densities if densities[eye] == density]
             if density == 1 and motion_blur == 0:
-                images |= {eye: frame.view(eye).image for eye in alike}
+                images |= {eye: frame.view(eye).image for eye in eyes}
             else:
                 camera = sampled.scene.camera
                 size = ceil(camera.height_px * density), ceil(camera.width_px * density)
                 denser = camera.scaled(density, density, size)
-                images |= expose(self._renderer, [replace(scene, camera=denser) for scene in scenes], alike)
+                images |= expose(self._renderer, [replace(scene, camera=denser) for scene in scenes], eyes)
         return images
 
     def _rectified(self, chain: LensChain, raw_image: NDArray[np.uint8]) -> Channels:
@@ -131,11 +130,7 @@ class RigCameras:
         return channels
 
     def _lens_chains(self, sequence: int, camera: StereoCamera) -> dict[Eye, LensChain]:
-        """Return both eyes' chains for a sequence, whose rectified pair is ``camera``; empty without lenses.
-
-        Raises:
-            InputError: where OpenCV is missing, or a lens cannot be inverted over the rectified image.
-        """
+        """Return both eyes' chains for a sequence, whose rectified pair is ``camera``; empty without lenses."""
         section = self._config.lens
         if section is None:
             return {}
@@ -150,7 +145,7 @@ class RigCameras:
 def moments(share: float, count: int) -> NDArray[np.float64]:
     """Return the middles of ``count`` equal parts of an exposure, (count,), relative to the exposure's middle.
 
-    The times and the exposure's length ``share`` are fractions of the time between frames.
+    Times are fractions of the time between frames, and so is ``share``, the length of the exposure.
     """
     return share * ((np.arange(count) + 0.5) / count - 0.5)
 

@@ -1,4 +1,4 @@
-"""Cheap checks of a rendered pair. The scene of a pair that fails them is sampled again from a different sub-seed."""
+"""Cheap checks of a rendered pair. If it fails, its scene is sampled again from a different sub-seed."""
 
 import numpy as np
 
@@ -7,31 +7,31 @@ from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.textures.crops import least_texture
 
-# A quick check reads only every so many rows. A usual image passes it: it would be bright enough even if all its other
-# rows were black.
+# Step of the rows that the quick check of brightness reads. Most images pass: they would be bright enough even if all
+# other rows were black.
 _ROWS = 8
 
-# Factor over the limit at which a sample of every 64th pixel proves that the image has enough texture.
+# An image has enough texture if a sample of every 64th pixel has this many times the limit.
 _AMPLE = 8
 
-# Share of max_px: a surface this close to the near plane was cut by it, since walls and models stay farther away.
+# Share of max_px: the near plane cut a surface whose disparity is closer to max_px, since walls and models stay beyond.
 _AT_NEAR_PLANE = 1e-5
 
-# A room passes with this share of its smallest intended disparity: some walls cannot be moved close enough.
+# Factor of the smallest disparity in a room: some walls cannot be moved close enough, so smaller disparities pass.
 _FAR_BELOW = 0.5
 
 
 def faults(frame: Frame, config: Config, sampled: SampledScene | None = None) -> list[str]:
-    """Return the different faults of a pair, such as "too dark: mean 3.0 levels, at least 8 wanted".
+    """Return the faults of a pair, such as "too dark: mean 3.0 levels, at least 8 wanted".
 
-    The config's section checks has the limits. ``sampled`` is the scene of a frame as rendered, from which the expected
-    disparities follow; None after lenses and imperfections.
+    The config's section checks has the limits. ``sampled`` is the pair's scene, which limits the disparities of a room;
+    None after lenses and imperfections.
     """
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
-    of_rows, least = min(image[::_ROWS].mean() for image in images), section.min_brightness
-    if of_rows < _ROWS * least and (brightness := min(image.mean() for image in images)) < least:
+    row_brightness, least = min(image[::_ROWS].mean() for image in images), section.min_brightness
+    if row_brightness < _ROWS * least and (brightness := min(image.mean() for image in images)) < least:
         clauses.append(f"too dark: mean {brightness:.1f} levels, at least {least:g} wanted")
-    # `least_texture` halves both sides again, so it reads every 64th pixel. That is enough for usual images.
+    # `least_texture` halves both sides again, so it reads every 64th pixel.
     sampled_texture = least_texture(image[::4, ::4] for image in images)
     if sampled_texture < _AMPLE * section.min_texture and (texture := least_texture(images)) < section.min_texture:
         clauses.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
@@ -40,13 +40,13 @@ def faults(frame: Frame, config: Config, sampled: SampledScene | None = None) ->
 
 def _disparity_faults(frame: Frame, config: Config, sampled: SampledScene | None) -> list[str]:
     """Return the first fault of each view's disparity."""
-    everywhere, least_px = False, -np.inf
+    is_dense, least_px = False, -np.inf
     # The sky has no disparity. Neither have points that a deviating right camera shifts to the left. Signed disparities
     # have no lower limit.
     if sampled is not None and frame.camera.rectified and not config.disparity.signed:
-        everywhere = not sampled.scene.sky.any()
+        is_dense = not sampled.scene.sky.any()
         least_px = _FAR_BELOW * float(sampled.scene.camera.disparity_px(sampled.sequence.static.farthest_m))
-    # The margin is a share of f B / Z, which is the disparity plus doffs: a signed disparity may be 0 or negative.
+    # The margin is relative to f B / Z, which is the disparity plus doffs: a signed disparity may be 0 or negative.
     doffs_px = frame.camera.doffs_px if config.disparity.signed else 0.0
     near_plane_px = (config.disparity.max_px + doffs_px) * (1 - _AT_NEAR_PLANE) - doffs_px
     limits, clauses = config.checks, []
@@ -59,7 +59,7 @@ def _disparity_faults(frame: Frame, config: Config, sampled: SampledScene | None
             clauses.append(f"too few pixels with truth: {share:.3f}, at least {limits.min_valid:g} wanted")
         elif valid and largest > near_plane_px:
             clauses.append(f"cut by the near plane: disparity {largest:.3f} px of {config.disparity.max_px:g}")
-        elif missing and everywhere:
+        elif missing and is_dense:
             clauses.append(f"too deep: no disparity for {missing} pixels in view")
         elif valid and smallest < least_px:
             clauses.append(f"too deep: disparity {smallest:.3f} px in a room, at least {least_px:.3f} wanted")

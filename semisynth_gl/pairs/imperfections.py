@@ -1,9 +1,9 @@
-"""Imperfections of a real rig, applied to the images after rendering; the truth stays unchanged.
+"""Imperfections of real cameras, applied to rendered images; the truth stays unchanged.
 
-They have the order of a camera: motion blur (`semisynth_gl.pairs.cameras`), lens blur, vignetting, exposure and
-white balance, sensor noise, tone curve, sharpening, JPEG. Noise comes after the white balance, so that its amount is in
-levels of the image. All change the 8-bit values themselves, since the tone curves of photographs are not known. Values
-are rounded to whole levels after the lens blur, the tone curve, sharpening and JPEG.
+The order is a camera's: motion blur (`semisynth_gl.pairs.cameras`), lens blur, vignetting, exposure and white balance,
+sensor noise, tone curve, sharpening, JPEG. Noise comes after the white balance, so that its amount is in levels of the
+image. All change 8-bit values directly, since the tone curves of the photographs are unknown. Values are rounded to
+whole levels after the lens blur, the tone curve, sharpening and JPEG.
 """
 
 import io
@@ -21,9 +21,9 @@ from semisynth_gl.config.rig_sections import ImperfectionsSection
 _BLOCK = 1 << 17
 # Weights of red, green and blue in the luminance, from ITU-R BT.601, as in JPEG.
 LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
-# The unsharp mask blurs rows and columns with the weights 1 4 6 4 1 over 16, nearly a Gaussian of 1 px. Here, they are
-# divided by the middle weight.
-_NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
+# The unsharp mask blurs columns and rows with the weights 1 4 6 4 1, nearly a Gaussian of 1 px. Here, the weights and
+# their sum are divided by the middle weight.
+_NEXT, _OUTER, _SUM = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +110,13 @@ def _pixel_by_pixel(
             noise = rng.standard_normal(values.shape, np.float32)
             noise *= np.float32(sampled.noise)
             values += noise
-        bent = _bent(values, sampled.gamma).reshape(block.shape)
-        np.copyto(result[first : first + rows], bent, casting="unsafe")
+        levels = _to_levels(values, sampled.gamma).reshape(block.shape)
+        np.copyto(result[first : first + rows], levels, casting="unsafe")
     return result
 
 
-def _bent(values: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
-    """Clip to 0 to 255, apply the tone curve and round to whole levels, all in place; return the values."""
+def _to_levels(values: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
+    """Clip values to 0 to 255, apply the tone curve and round to whole levels, in place; return the values."""
     np.clip(values, 0, 255, out=values)
     if gamma != 1:
         values /= 255
@@ -126,23 +126,23 @@ def _bent(values: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
 
 
 def _sharpened(image: NDArray[np.uint8], amount: float) -> NDArray[np.uint8]:
-    """Sharpen as cameras do: add ``amount`` times the difference of luminance and blurred luminance to all channels."""
+    """Add ``amount`` times the difference of luminance and blurred luminance to all channels, as cameras sharpen."""
     height, width, channels = (*image.shape, 1)[:3]
     result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // (width * channels))
     for first in range(0, height, rows):
         last = min(first + rows, height)
         # Beyond the border, the outermost pixels are repeated.
-        about = image[np.arange(first - 2, last + 2).clip(0, height - 1)].astype(np.float32)
+        grey = image[np.arange(first - 2, last + 2).clip(0, height - 1)].astype(np.float32)
         if channels > 1:
-            about = about @ LUMINANCE
-        middle = about[2:-2]
-        down = (about[1:-3] + about[3:-1]) * _NEAR + (about[:-4] + about[4:]) * _FAR + middle
+            grey = grey @ LUMINANCE
+        middle = grey[2:-2]
+        down = (grey[1:-3] + grey[3:-1]) * _NEXT + (grey[:-4] + grey[4:]) * _OUTER + middle
         down = np.pad(down, ((0, 0), (2, 2)), "edge")
-        blurred = (down[:, 1:-3] + down[:, 3:-1]) * _NEAR + (down[:, :-4] + down[:, 4:]) * _FAR + down[:, 2:-2]
-        detail = (middle - blurred / _ALL**2) * np.float32(amount)
+        blurred = (down[:, 1:-3] + down[:, 3:-1]) * _NEXT + (down[:, :-4] + down[:, 4:]) * _OUTER + down[:, 2:-2]
+        detail = (middle - blurred / _SUM**2) * np.float32(amount)
         values = image[first:last].reshape(last - first, -1) + np.repeat(detail, channels, axis=1)
-        bent = _bent(values, 1.0).reshape(image[first:last].shape)
-        np.copyto(result[first:last], bent, casting="unsafe")
+        levels = _to_levels(values, 1.0).reshape(image[first:last].shape)
+        np.copyto(result[first:last], levels, casting="unsafe")
     return result
 
 
@@ -155,12 +155,12 @@ def _through_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
 
 
 def sample_imperfections(
-    section: ImperfectionsSection, rng: np.random.Generator, further: Callable[[str], np.random.Generator]
+    section: ImperfectionsSection, rng: np.random.Generator, generator_of: Callable[[str], np.random.Generator]
 ) -> dict[str, Any]:
     """Sample arguments of `Imperfections` for one eye's view, in JSON's types.
 
-    Lens blur, exposure, noise and gamma come from ``rng``. Each other key that the config sets has its own generator,
-    which ``further`` returns: so setting a key does not change the values of others.
+    Lens blur, exposure, noise and gamma come from ``rng``. Every other key has its own generator,
+    ``generator_of(key)``, so that setting one key does not change the values of the others.
     """
     values: dict[str, Any] = {
         key: getattr(section, key).sample(rng) for key in ("blur_px", "exposure_stops", "noise", "gamma")
@@ -168,10 +168,10 @@ def sample_imperfections(
     given = section.model_dump(exclude_defaults=True)
     for key in ("white_balance", "vignetting", "sharpening", "jpeg_quality"):
         if key in given:
-            span, of_key = getattr(section, key), further(key)
-            values[key] = span.sample(of_key)
+            span, key_rng = getattr(section, key), generator_of(key)
+            values[key] = span.sample(key_rng)
             if key == "white_balance":
-                values[key] = [values[key], span.sample(of_key)]
+                values[key] = [values[key], span.sample(key_rng)]
             if key == "jpeg_quality":
                 values[key] = round(values[key])
     return values

@@ -30,7 +30,7 @@ PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """One rendered pair.
+    """A pair, rendered and captured by the rig's cameras.
 
     Attributes:
         index: the pair's number in the split.
@@ -108,7 +108,7 @@ class PairRenderer:
         self.renderer_name = self.renderer.renderer_name
         self._cameras = RigCameras(config, split.seed, self.renderer)
         # The latest sequence that passed its checks, and the faults of its failed attempts.
-        self._accepted, self._redrawn = -1, list[str]()
+        self._accepted, self._failures = -1, list[str]()
         self._latest: tuple[object, list[Pair]] | None = None  # number and crop of the latest scene, and its pairs
         plugins = plugin_packages(config.used_plugins().values())
         self._made_by = {
@@ -147,8 +147,8 @@ class PairRenderer:
             index: the pair's number.
             crop: the part of both images to return; None for all. Only the crop is rendered, except where whole
                 images are needed: for checks of a sequence's first frame, and for a lens or imperfections.
-            checked: whether to check pairs. Without checks, pairs with faults are returned, in place of which a dataset
-                has pairs that were sampled again.
+            checked: whether to check pairs, as a dataset does. Where an unchecked pair has faults, the dataset has
+                another scene.
 
         Raises:
             InputError: where the number is negative, the config's ranges leave no scene for it, or all attempts fail
@@ -172,15 +172,15 @@ class PairRenderer:
             first = self._first_scene(sequence, crop)
             if frame == 0:
                 return first
-        return self._pairs(number, crop, range(self.config.views), self._redrawn)
+        return self._pairs(number, crop, range(self.config.views), self._failures)
 
     def _first_scene(self, sequence: int, crop: Crop | None) -> list[Pair]:
         """Return the pairs of a sequence's first scene in the first attempt that passes the checks; keep the attempt.
 
-        Checks judge the rendered frames and, if lenses or imperfections change them, the captured frames too. Checking
-        only these would miss flat scenes, since noise hides them.
+        The rendered frames are checked, and the captured frames too if lenses or imperfections change them. A check of
+        captured frames only would miss flat scenes, since noise hides them.
         """
-        redrawn: list[str] = []
+        failures: list[str] = []
         views = range(self.config.views)
         for attempt in range(self.config.checks.attempts):
             sampled = self._sample(sequence * self.config.sequence.length, attempt)
@@ -193,17 +193,17 @@ class PairRenderer:
                     judged = (faults(frame, self.config) for frame, _ in captured)
                     clauses = [f"{clause}, after lens and imperfections" for clause in next(filter(None, judged), [])]
             if not clauses:
-                self._accepted, self._redrawn = sequence, redrawn
+                self._accepted, self._failures = sequence, failures
                 return self._with_provenance(captured, sampled, crop, views)
-            redrawn.append("; ".join(clauses))
+            failures.append("; ".join(clauses))
         raise InputError(
-            f"sequence {sequence} failed its checks in {counted(len(redrawn), 'attempt')}. Fault of the last one: "
-            f"{redrawn[-1]}. Change images, scene, lens or imperfections, or lower the limit in the section checks"
+            f"sequence {sequence} failed its checks in {counted(len(failures), 'attempt')}. Fault of the last one: "
+            f"{failures[-1]}. Change images, scene, lens or imperfections, or lower the limit in the section checks"
         )
 
-    def _pairs(self, number: int, crop: Crop | None, views: Sequence[int], redrawn: Sequence[str] = ()) -> list[Pair]:
-        """Return unchecked pairs of some views of a scene; ``redrawn`` are the faults of its failed attempts."""
-        sampled = self._sample(number, len(redrawn))
+    def _pairs(self, number: int, crop: Crop | None, views: Sequence[int], failures: Sequence[str] = ()) -> list[Pair]:
+        """Return pairs of some views of a scene without checks; ``failures`` are the faults of its failed attempts."""
+        sampled = self._sample(number, len(failures))
         # Lenses and imperfections need whole images.
         before, after = (crop, None) if self.config.images_as_rendered else (None, crop)
         captured = self._cameras.capture(self._render(sampled, before, views), sampled, views)
@@ -237,7 +237,7 @@ class PairRenderer:
             index = number * self.config.views + view
             provenance = {"pair": index} | self._made_by | seen.provenance()
             if sampled.sequence.attempt:
-                provenance["redrawn"] = list(self._redrawn)
+                provenance["redrawn"] = list(self._failures)
             if "instances" in self.config.outputs:
                 provenance["instances"] = seen.instance_table()
             pairs.append(Pair(index, frame.cropped(crop) if crop else frame, provenance | records))
