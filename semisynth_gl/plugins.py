@@ -1,7 +1,8 @@
 """Plug-ins: layouts, texture sources, families of models and scene recipes of other installed packages.
 
-A package has an entry point in the group ``semisynth_gl.plugins``, which names a mapping from each `Group` to plug-ins
-by name. Each process imports all these packages when it first needs a plug-in, and does not catch their exceptions.
+Such a package has an entry point in the group ``semisynth_gl.plugins``. It refers to a mapping such as
+``{"models": {"knots": make_knot}}``, whose keys are a `Group` and then the plug-in's name. Each process imports these
+packages when it first needs a plug-in, and does not catch their exceptions.
 """
 
 import hashlib

@@ -80,9 +80,11 @@ class CameraDeviation(CheckedFields):
     @property
     def rotation(self) -> Floats:
         """The rotation right_from_rectified, (3, 3) float64."""
-        (s, q), (c, p) = np.sin((self.roll_rad, self.pitch_rad)), np.cos((self.roll_rad, self.pitch_rad))
-        rotation: Floats = np.array([[c, -s, 0], [p * s, p * c, -q], [q * s, q * c, p]])
-        return rotation
+        sin_roll, sin_pitch = np.sin((self.roll_rad, self.pitch_rad))
+        cos_roll, cos_pitch = np.cos((self.roll_rad, self.pitch_rad))
+        roll = np.array([[cos_roll, -sin_roll, 0], [sin_roll, cos_roll, 0], [0, 0, 1]])
+        pitch = np.array([[1, 0, 0], [0, cos_pitch, -sin_pitch], [0, sin_pitch, cos_pitch]])
+        return np.asarray(pitch @ roll)
 
 
 RECTIFIED = CameraDeviation()

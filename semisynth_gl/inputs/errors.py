@@ -1,4 +1,4 @@
-"""Errors whose cause is outside the program, the words of their messages, and skipped files."""
+"""Errors whose cause is outside the program, functions for their messages, and skipped files."""
 
 import difflib
 from collections.abc import Iterable, Sequence

@@ -22,8 +22,8 @@ def with_borders(
 ) -> Frame:
     """Return an uncropped frame in which no mask says that a point in a border is visible.
 
-    Views with truth get the output ``valid``. Without ``border_disparity``, pixels in a border lose their disparity,
-    and so do the channels that need one; other truth stays.
+    Views with truth get the output ``valid`` if it is requested. Without ``border_disparity``, pixels in a border lose
+    their disparity and all values that need one; other truth stays.
     """
     valid = {eye: chain.valid for eye, chain in chains.items()}
     views: dict[Eye, ViewArrays] = {}
@@ -33,8 +33,8 @@ def with_borders(
         for channel, mask in _MASKS.items():
             if mask in view:
                 # Files store only whether a point is visible, so points in borders become OCCLUDED.
-                most = np.where(in_border(frame, eye, valid, channel), np.uint8(OCCLUDED), np.uint8(VISIBLE))
-                changed[mask] = np.minimum(view[mask], most)
+                limit = np.where(in_border(frame, eye, valid, channel), np.uint8(OCCLUDED), np.uint8(VISIBLE))
+                changed[mask] = np.minimum(view[mask], limit)
         if "valid" in outputs and "disparity" in view:
             changed["valid"] = np.where(valid[eye], np.uint8(VISIBLE), np.uint8(OUTSIDE))
         if not border_disparity and "disparity" in view:

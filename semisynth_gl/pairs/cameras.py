@@ -38,9 +38,9 @@ class RigCameras:
     def capture(
         self, frames: Sequence[Frame], sampled: SampledScene, views: Sequence[int]
     ) -> list[tuple[Frame, dict[str, Any]]]:
-        """Return rendered frames as the cameras see them, and "lens" and "imperfections" of each pair's provenance.
+        """Return the captured frames, each with the entries "lens" and "imperfections" of its pair's provenance.
 
-        Borders that lenses leave are marked. Random values of the left eye depend on the scene, those of a right eye on
+        Random values of the left eye depend on the scene, those of a right eye on
         the scene and the view. Several frames share their left images, which are then read-only.
 
         Args:
@@ -70,7 +70,7 @@ class RigCameras:
     def _capture_eyes(
         self, frame: Frame, sampled: SampledScene, chains: Mapping[Eye, LensChain], eyes: Sequence[Eye]
     ) -> tuple[dict[Eye, Channels], dict[str, Any]]:
-        """Return the image and the outputs "raw" and "raw_map" of some eyes, and the pair's records."""
+        """Return each eye's image and its outputs "raw" and "raw_map", and the pair's entries of the provenance."""
         section, camera, records = self._config.imperfections, sampled.scene.camera, dict[str, Any]()
         number = sampled.sequence.number * self._config.sequence.length + sampled.frame
         if self._config.lens is not None:
@@ -82,10 +82,10 @@ class RigCameras:
         # Not one density for both eyes: pairs that share a left view may differ in the right lens.
         densities = {eye: chains[eye].density if chains else 1.0 for eye in eyes}
         images = self._expose_eyes(frame, sampled, motion_blur, densities)
-        points = {eye: camera.intrinsics_px(eye)[:2] for eye in EYES}
+        principal_points = {eye: camera.intrinsics_px(eye)[:2] for eye in EYES}
         if chains:
             images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
-            points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
+            principal_points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
         if not section.changes_nothing():
             records["imperfections"] = {}
             for eye in EYES:
@@ -96,7 +96,8 @@ class RigCameras:
                 values = sample_imperfections(section, rng, generator_of)
                 records["imperfections"][eye] = values | ({"motion_blur": motion_blur} if motion_blur > 0 else {})
                 if eye in images:
-                    images[eye] = apply_imperfections(images[eye], Imperfections(**values), rng, points[eye])
+                    imperfections = Imperfections(**values)
+                    images[eye] = apply_imperfections(images[eye], imperfections, rng, principal_points[eye])
         return {
             eye: self._rectified(chains[eye], image) if chains else {"image": image} for eye, image in images.items()
         }, records
@@ -104,7 +105,7 @@ class RigCameras:
     def _expose_eyes(
         self, frame: Frame, sampled: SampledScene, motion_blur: float, densities: Mapping[Eye, float]
     ) -> Images:
-        """Return the images of the eyes of ``densities``, each in its density and with motion blur."""
+        """Return the image of each eye in ``densities`` at this density, with motion blur."""
         images, scenes = Images(), [sampled.scene]
         if motion_blur > 0:
             count = self._config.imperfections.sub_frames
@@ -142,12 +143,12 @@ class RigCameras:
         return {eye: chain for eye, (_, chain) in self._chains.items()}
 
 
-def moments(share: float, count: int) -> NDArray[np.float64]:
+def moments(exposure: float, count: int) -> NDArray[np.float64]:
     """Return the middles of ``count`` equal parts of an exposure, (count,), relative to the exposure's middle.
 
-    Times are fractions of the time between frames, and so is ``share``, the length of the exposure.
+    These times and the length ``exposure`` are fractions of the time between frames.
     """
-    return share * ((np.arange(count) + 0.5) / count - 0.5)
+    return exposure * ((np.arange(count) + 0.5) / count - 0.5)
 
 
 def expose(renderer: Renderer, scenes: Sequence[Scene], eyes: Sequence[Eye]) -> Images:

@@ -91,10 +91,10 @@ def _pixel_by_pixel(
     falloff = None
     if sampled.vignetting > 0:
         x, y = ((width - 1) / 2, (height - 1) / 2) if principal_point_px is None else principal_point_px
-        # Light falls off with cos^4 = 1 / (1 + tan^2)^2 of the angle. Pixels from the centre times this factor are tan.
-        tangent = np.sqrt((1 - sampled.vignetting) ** -0.5 - 1) / (np.hypot(width, height) / 2)
-        across = np.repeat(1 + ((np.arange(width) - x) * tangent) ** 2, channels).astype(np.float32)
-        down = (((np.arange(height) - y) * tangent) ** 2).astype(np.float32)[:, None]
+        # Light falls off with cos^4 = 1 / (1 + tan^2)^2 of the angle from the optical axis.
+        tan_per_px = np.sqrt((1 - sampled.vignetting) ** -0.5 - 1) / (np.hypot(width, height) / 2)
+        across = np.repeat(1 + ((np.arange(width) - x) * tan_per_px) ** 2, channels).astype(np.float32)
+        down = (((np.arange(height) - y) * tan_per_px) ** 2).astype(np.float32)[:, None]
         falloff = across, down
     result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // len(gains))
     # The noise does not depend on the size of blocks: each block's random numbers follow those of the block before.

@@ -46,7 +46,7 @@ class Split:
             items: the items of all splits, which are shuffled and then divided by the shares of ``held_out``.
             what: plural noun for the items in messages.
             purpose: number of the kind of items; each kind is shuffled independently.
-            names: the items' names. With names, a new item moves few others to another split.
+            names: the items' names, if any. With names, a new item moves few others to another split.
 
         Raises:
             InputError: where a split would get no item.
