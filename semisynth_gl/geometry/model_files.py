@@ -19,7 +19,7 @@ from trimesh.resolvers import FilePathResolver
 
 from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_units import Surface, join_surfaces
-from semisynth_gl.inputs.errors import InputError, SkippedFile, cut, described
+from semisynth_gl.inputs.errors import InputError, SkippedFile, cut
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, files_below
 
 # Maximum size of a model's file, unpacked, and of all files that it refers to.
@@ -79,7 +79,8 @@ def read_surfaces(path: Path) -> list[Surface]:
     except InputError:
         raise
     except Exception as error:  # trimesh may raise any error for a damaged file
-        raise InputError(f"cannot be read ({cut(' '.join(described(error).split()), 120)})") from error
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"cannot be read ({cut(text, 120)})") from error
 
 
 def _scene(path: Path, suffix: str) -> trimesh.Scene:

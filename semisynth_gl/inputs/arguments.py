@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from semisynth_gl.inputs.errors import InputError, described, shown
+from semisynth_gl.inputs.errors import InputError, shown
 
 LEAST, MOST = 1e-9, 1e9
 """Smallest and largest magnitude of the lengths and focal lengths of a scene; 0 is allowed too.
@@ -104,7 +104,7 @@ def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
         if array.dtype.kind not in "USO" and (result.dtype.kind not in "iu" or np.array_equal(array, result)):
             return result
     except (TypeError, ValueError, OverflowError) as error:
-        hint = described(error)
+        hint = str(error)
     raise _error(name, f"an array of {np.dtype(dtype)}", value, hint)
 
 

@@ -75,11 +75,6 @@ def shown(value: object, most: int = 100) -> str:
     return cut(repr(value), most)
 
 
-def described(error: BaseException) -> str:
-    """Return the type and the text of an error that other code raised."""
-    return f"{type(error).__name__}: {error}"
-
-
 def cut(text: str, most: int = 100) -> str:
     """Return a text, cut to ``most`` characters and "..." if it is longer."""
     return text if len(text) <= most else f"{text[:most]}..."
@@ -92,10 +87,8 @@ def abbreviate(names: Sequence[str], most: int = 8) -> str:
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number with its noun, such as ``"1 pair"``, ``"2 patches"`` or ``"3 kinds of model"``."""
-    head, of, rest = noun.partition(" of ")
-    plural = "" if number == 1 else "es" if head.endswith(("ch", "s", "x")) else "s"
-    return f"{number} {head}{plural}{of}{rest}"
+    """Return a number with its noun, such as ``"1 pair"`` or ``"2 patches"``."""
+    return f"{number} {noun}{'' if number == 1 else 'es' if noun.endswith('ch') else 's'}"
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", also: Iterable[str] = ()) -> str:
