@@ -32,10 +32,9 @@ def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
 class Frame:
     """A rendered stereo pair with its truth.
 
-    Disparity is x_left - x_right in px in both views. It is inf where nothing is seen, and where it would be zero or
-    negative, unless the config's ``disparity.signed`` makes such values valid. Depth and normals are in each view's own
-    camera frame, which matters where the right camera deviates. If only the left view has truth, the right view has its
-    image and, if requested, its raw image and map.
+    Disparity is x_left - x_right in px in both views. It is inf where nothing is seen and, without the config's
+    ``disparity.signed``, where x_left - x_right is zero or negative. Depth and normals are in the camera frame of their
+    view. If only the left view has truth, the right view has its image and, if requested, its raw image and map.
 
     Attributes:
         camera: the camera of the images; in a cropped pair, the camera of the crop.

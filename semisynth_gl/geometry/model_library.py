@@ -103,7 +103,7 @@ def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
     """
     build = find_plugin("models", name).value
     seed, numbers = split.seed, list(range(variants))
-    if split.models and split.held_out:
+    if split.models:
         what, names = f"models of the family {name} (models.variants)", [f"{name}/{number}" for number in numbers]
         seed, numbers = split.dataset_seed, split.select(numbers, what, _PLUGIN, names)
     meshes = [build(generator(seed, Purpose.MODELS, "models", name, number)) for number in numbers]
@@ -145,14 +145,13 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
         user, skipped = load_models([expanded(folder) for folder in section.folders])
     # Computed before the splits divide the models, so that the weight is the same in all splits.
     user_weight = section.user * min(1.0, len(user) / _FULL_FAMILY)
-    held_out = split.models and bool(split.held_out)
-    if held_out and user:
+    if split.models and user:
         user = split.select(user, "models of the user", _USER)
     weights = kind_weights(section.kinds)
     families = [(user_weight, user, [1.0] * len(user))]
     for purpose, (builders, weight) in enumerate(((SIMPLE_KINDS, section.simple), (COMPLEX_KINDS, section.complex))):
         names = list(builders)
-        if held_out:
+        if split.models:
             names = split.select(names, "kinds of built-in models", purpose, names)
         variants = [
             (name, number) for name in names if weight * weights[name] > 0 for number in range(section.variants)
