@@ -147,17 +147,17 @@ class StereoCamera(CheckedFields):
         known = {key.name: values[key.name] for key in fields(cls) if key.name in values}
         return cls(**known | {"deviation": CameraDeviation(**values.get("deviation", {}))})
 
-    def values(self) -> dict[str, Any]:
+    def values(self, *, deviation: bool = False) -> dict[str, Any]:
         """Return the attributes and "doffs_px" by name, in JSON's types.
 
-        A fy_over_fx of 1 and the deviation of a rectified pair are left out.
+        A fy_over_fx of 1 is left out, and so is the deviation of a rectified pair unless ``deviation`` is set.
         """
         values = asdict(self)
-        deviation = values.pop("deviation")
+        stated = values.pop("deviation")
         if self.fy_over_fx == 1:
             del values["fy_over_fx"]
         values["doffs_px"] = self.doffs_px
-        return values if self.rectified else values | {"deviation": deviation}
+        return values | {"deviation": stated} if deviation or not self.rectified else values
 
     def cropped(self, crop: Crop) -> "StereoCamera":
         """Return the camera of a crop of both images; disparities stay the same.

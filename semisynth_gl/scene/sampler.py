@@ -1,7 +1,7 @@
 """Samples the scene of pair i of a dataset from only the config, the seed and i."""
 
 from collections import Counter
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -247,8 +247,6 @@ class SampledScene:
         scene, sampler, patches = self.scene, self.sequence.sampler, self.instances["patch"].tolist()
         models = Counter(sampler.models[index].name for index in scene.model.tolist())
         images = Counter(sampler.patches[index].source for index in patches)
-        # All pairs of a rig with deviations have the key.
-        deviation = {} if sampler.config.rig.is_rectified() else {"deviation": asdict(scene.camera.deviation)}
         return {
             "sequence": self.sequence.number,
             "frame": self.frame,
@@ -258,7 +256,7 @@ class SampledScene:
             **({"sky": True} if scene.sky.any() else {}),
             **({} if scene.projector is None else {"projector": scene.projector.record()}),
             "near_m": scene.near_m,
-            "camera": scene.camera.values() | deviation,
+            "camera": scene.camera.values(deviation=not sampler.config.rig.is_rectified()),
             "camera_from_world": scene.camera_from_world[:3].tolist(),
             "models": dict(sorted(models.items())),
             "images": dict(sorted(images.items())),
