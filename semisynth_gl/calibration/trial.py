@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.calibration.draft import TEXELS, ConfigDraft, rounded
 from semisynth_gl.config.load import parse_values
-from semisynth_gl.judge.comparison import Values, unit_of
+from semisynth_gl.judge.comparison import Values, standard_deviation
 from semisynth_gl.judge.measured_view import make_view, working_width
 from semisynth_gl.judge.measures import MEASURES, measure_view
 from semisynth_gl.listener import Listener
@@ -129,7 +129,8 @@ def nearest_mix(
     looks = _mean([[_mean(values) for values in of_recipe] for of_recipe in pairs], weights)
     of_looks = [k for k in usable if np.isfinite(looks[..., k]).all() and MEASURES[k].of_images]
     places = [reference[MEASURES[k].key] for k in of_looks]
-    off = (looks[..., of_looks] - [values.mean() for values in places]) / [unit_of(values) for values in places]
+    deviations = [standard_deviation(values) for values in places]
+    off = (looks[..., of_looks] - [values.mean() for values in places]) / deviations
     texels, blur = map(int, np.unravel_index(np.argmin(_total_cost(np.moveaxis(off, -1, 0))), looks.shape[:2]))
     return weights, texels, blur
 
@@ -145,13 +146,13 @@ def _distances(mixes: Floats, tried: Sequence[Floats], pictures: Floats) -> Floa
     """Return the Wasserstein-1 distances, (N,), between a measure's distributions in N mixes and in the reference.
 
     ``mixes`` are weights (N, R) of recipes. ``tried`` has the measure for the trial pairs of each recipe, and
-    ``pictures`` for the reference's pictures; its `unit_of` is the unit of the distances.
+    ``pictures`` for the reference's pictures; its `standard_deviation` is the unit of the distances.
     """
     samples = [values[np.isfinite(values)] for values in (*tried, pictures)]
     # A mix's distribution function is the weighted mean of its recipes' functions.
     steps = np.unique(np.concatenate(samples))
     *ours, theirs = (np.searchsorted(np.sort(each), steps[:-1], "right") / len(each) for each in samples)
-    apart: Floats = np.abs(mixes @ np.array(ours) - theirs) @ np.diff(steps) / unit_of(pictures)
+    apart: Floats = np.abs(mixes @ np.array(ours) - theirs) @ np.diff(steps) / standard_deviation(pictures)
     return apart
 
 

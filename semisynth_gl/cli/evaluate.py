@@ -13,7 +13,7 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.judge.evaluate import evaluate as evaluate_predictions
 from semisynth_gl.judge.evaluate import evaluate_views
-from semisynth_gl.judge.protocol import PROTOCOL_NAMES
+from semisynth_gl.judge.protocol import PROTOCOLS
 from semisynth_gl.seeds.splits import SPLITS
 
 _PATH = click.Path(path_type=Path)
@@ -37,7 +37,7 @@ _WORST = 10
 )
 @option(
     "--protocol",
-    type=click.Choice(PROTOCOL_NAMES),
+    type=click.Choice(tuple(PROTOCOLS)),
     help="Benchmark whose definitions to use; by default the one whose format --gt has.",
 )
 @option("--split", type=click.Choice(SPLITS), help="Evaluate only this split of --gt.")
@@ -62,7 +62,7 @@ def evaluate(
         lines = ["", *_table([(each["name"], each) for each in report["images"]], report["mean"], "unconfirmed")]
     elif truth is not None and predictions_right is None:
         with Progress() as progress:
-            report = evaluate_predictions(predictions, truth, **options, progress=progress.track)
+            report = evaluate_predictions(predictions, truth, **options, listener=progress)
         head, lines = f"by the definitions of {report['source']}", []
         for region, mean in report["mean"].items():
             figures = [

@@ -52,19 +52,23 @@ def preview(
         _draw_patches(scene_config(**scene).textures, seed, out)
         return
     # Imported here: help and completion need no renderer, and loading matplotlib takes longer than rendering a pair.
-    from semisynth_gl.judge.charts import draw_sheet  # noqa: PLC0415
+    from semisynth_gl.judge.charts import plot_sheet  # noqa: PLC0415
     from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
 
     config = scene_config(**scene)
     recipes, target = config.recipes(), config.shown_histogram()
     with PairRenderer(config, seed, backend) as renderer, Progress() as progress:
         indices = renderer.sampler.overview(pairs or max(_FEWEST, len(recipes)))
-        shown = [renderer.render(index) for index in progress.track(indices)]
+        progress.on_total(len(indices))
+        shown = []
+        for index in indices:
+            shown.append(renderer.render(index))
+            progress.on_pair()
         expected = renderer.sampler.expected()
         title = f"{config.name}, seed {seed}, {counted(len(shown), 'pair')}, {renderer.renderer_name}"
     of_recipe = [[pair for pair in shown if pair.provenance.get("recipe") == recipe.name] for recipe in recipes]
     grouped = [(recipe, pair, len(its)) for recipe, its in zip(recipes, of_recipe, strict=True) for pair in its]
-    draw_sheet(
+    plot_sheet(
         [pair.frame for _, pair, _ in grouped],
         target,
         title,

@@ -2,8 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from typing import Self, TypeVar
+from typing import Self
 
 import click
 from tqdm import tqdm
@@ -12,7 +11,6 @@ from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
 
 _SECONDS_BETWEEN_LINES = 10.0
-_Item = TypeVar("_Item")
 
 
 class Progress(Listener):
@@ -62,10 +60,3 @@ class Progress(Listener):
             self.on_message(
                 f"{self._count} of {counted(self._total, 'pair')}, {rate:.2f} pairs/s, {remaining_s:.0f} s left"
             )
-
-    def track(self, items: Sequence[_Item]) -> Iterator[_Item]:
-        """Yield items, and count each when the next is requested."""
-        self.on_total(len(items))
-        for item in items:
-            yield item
-            self.on_pair()

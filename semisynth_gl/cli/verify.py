@@ -10,7 +10,7 @@ from semisynth_gl.cli.options import COUNT, NATURAL, Command, option
 from semisynth_gl.cli.outputs import OutputFileType, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import abbreviate, counted
-from semisynth_gl.judge.verify import RAYED_PAIRS, Verification
+from semisynth_gl.judge.verify import PAIRS_WITH_RAYS, Verification
 from semisynth_gl.judge.verify import verify as verify_dataset
 
 
@@ -20,7 +20,7 @@ from semisynth_gl.judge.verify import verify as verify_dataset
     "--rays",
     type=NATURAL,
     help="Number of pairs, evenly spread, to compare with float64 rays through their rebuilt scenes.  "
-    f"[default: {RAYED_PAIRS}, or 0 if the scenes cannot be rebuilt]",
+    f"[default: {PAIRS_WITH_RAYS}, or 0 if the scenes cannot be rebuilt]",
 )
 @option("--oracle", is_flag=True, help="Compare all pairs with rays.")
 @option("--pixels", type=COUNT, default=500, help="Number of rays for each of these pairs.")

@@ -1,4 +1,4 @@
-"""Draws plots with matplotlib: the contact sheet of a preview, and the histograms of a report."""
+"""Plots with matplotlib: the contact sheet of `preview`, and the histograms of `report`."""
 
 import io
 from base64 import b64encode
@@ -19,32 +19,31 @@ from semisynth_gl.judge.pictures import COLOUR_MAP
 
 Shares = NDArray[np.floating]
 
-_ACHIEVED, _WANTED = "#d98a3d", "#4a90d9"
+_FILLED, _OUTLINE, _INVALID = "#d98a3d", "#4a90d9", "#4060c0"
 # A grey that is visible on light and dark pages.
-_INK = "#888888"
-_COLUMNS, _BINS, _DISPARITY_BINS = 4, 16, 72
-_WIDTH_IN, _ROW_IN, _FIRST_IN = 14.0, 1.9, 2.6
-_SHEET_IN, _CHART_IN, _INVALID = 16.0, 2.8, "#4060c0"
+_TEXT = "#888888"
+_DISPARITY_BINS, _MEASURE_BINS, _MEASURES_IN_ROW = 72, 16, 4
+# Inches: the contact sheet and its histogram; the report, its histogram of disparity, and its rows of other histograms.
+_SHEET_WIDTH, _SHEET_HISTOGRAM = 16.0, 2.8
+_REPORT_WIDTH, _DISPARITY_HEIGHT, _MEASURES_HEIGHT = 14.0, 2.6, 1.9
 
 
-def draw_sheet(
+def plot_sheet(
     frames: Sequence[Frame], target: Histogram, title: str, names: Sequence[str], weights: Sequence[float]
 ) -> Figure:
-    """Draw a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
+    """Plot a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
 
-    Args:
-        frames: the pairs, at least one, with a disparity.
-        target: the config's target distribution of disparity.
-        title: title of the sheet.
-        names: a name for each pair, below its left image.
-        weights: the weight of each pair in the histogram.
+    Each pair, of at least one, has a name below its left image and a weight in the histogram. ``target`` is the
+    config's target distribution of disparity.
     """
     first = frames[0].camera
-    row_in = (_SHEET_IN / 3.15) * first.height_px / first.width_px
-    figure = Figure(figsize=(_SHEET_IN, row_in * len(frames) + _CHART_IN + 0.5), dpi=100, layout="constrained")
+    # Three images and a colour bar share the width.
+    pair_height = (_SHEET_WIDTH / 3.15) * first.height_px / first.width_px
+    height = pair_height * len(frames) + _SHEET_HISTOGRAM + 0.5
+    figure = Figure(figsize=(_SHEET_WIDTH, height), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=11)
-    grid = figure.add_gridspec(len(frames) + 1, 3, height_ratios=[row_in] * len(frames) + [_CHART_IN])
+    grid = figure.add_gridspec(len(frames) + 1, 3, height_ratios=[pair_height] * len(frames) + [_SHEET_HISTOGRAM])
     ranges = [finite_range(frame.left.disparity) for frame in frames]
     least, largest = min(0.0, *(low for _, low, _ in ranges)), max(high for *_, high in ranges)
     counts = np.zeros(len(target.shares))
@@ -65,56 +64,60 @@ def draw_sheet(
         bar.ax.tick_params(labelsize=8)
         counts += weight * count_pixels(frame.left.disparity, target.edges_px)
     achieved = Histogram.from_counts(target.edges_px, counts) if counts.any() else None
-    _draw_disparity(figure.add_subplot(grid[len(frames), :]), achieved, target)
+    _plot_disparity(figure.add_subplot(grid[len(frames), :]), achieved, target)
     return figure
 
 
-def _draw_disparity(axis: Axes, achieved: Histogram | None, target: Histogram) -> None:
-    """Draw the achieved distribution of disparity (None if no pixel has a disparity), and the target's outline."""
-    # Cut off the outermost 0.01 % of pixels on both sides, which would make the axis too long.
-    known = [each for each in (achieved, target) if each is not None]
+def _plot_disparity(axis: Axes, achieved: Histogram | None, target: Histogram) -> None:
+    """Plot the achieved distribution of disparity (None if no pixel has a disparity), and the target's outline."""
+    # The axis ends where 0.01 % of the pixels lie beyond it: a few extreme pixels would make it too long.
+    known = [target] if achieved is None else [achieved, target]
     low, high = ([each.quantile(share) for each in known] for share in (1e-4, 1 - 1e-4))
     edges = np.linspace(min(low), max(high), _DISPARITY_BINS + 1)
-    filled, outline = (None if each is None else each.rebinned(edges).shares for each in (achieved, target))
-    distance = "no pixel has one" if achieved is None else f"total variation {total_variation(target, achieved):.3f}"
-    _draw_shares(axis, edges, filled, outline, f"share of pixels per disparity, px; {distance}")
-    axis.legend(("achieved", "wanted by the config")[achieved is None :], fontsize=8, frameon=False)
+    if achieved is None:
+        shares, distance = None, "no pixel has a disparity"
+    else:
+        shares, distance = achieved.rebinned(edges).shares, f"total variation {total_variation(target, achieved):.3f}"
+    _plot_shares(axis, edges, shares, target.rebinned(edges).shares, f"share of pixels per disparity, px; {distance}")
+    axis.legend(fontsize=8, frameon=False)
 
 
-def _draw_shares(axis: Axes, edges: Shares, filled: Shares | None, outline: Shares | None, title: str) -> None:
-    """Draw two distributions, (K,) shares in bins with (K + 1,) edges: one filled, the other as an outline."""
+def _plot_shares(axis: Axes, edges: Shares, filled: Shares | None, outline: Shares | None, title: str) -> None:
+    """Plot two distributions, (K,) shares in bins with (K + 1,) edges: one filled, the other as an outline."""
     if filled is not None:
-        axis.stairs(filled, edges, fill=True, color=_ACHIEVED)
+        axis.stairs(filled, edges, fill=True, color=_FILLED, label="achieved")
     if outline is not None:
-        axis.stairs(outline, edges, color=_WANTED, linewidth=1.5)
+        axis.stairs(outline, edges, color=_OUTLINE, linewidth=1.5, label="wanted by the config")
     axis.set_title(title, fontsize=8)
     axis.tick_params(labelsize=8)
     axis.margins(x=0)
 
 
-def draw_report(achieved: Histogram | None, target: Histogram, rows: Sequence[Row]) -> str:
-    """Draw the distribution of disparity, and the distributions of each measure in the dataset and in the place.
+def plot_report(achieved: Histogram | None, target: Histogram, rows: Sequence[Row]) -> str:
+    """Plot the distribution of disparity, and each measure's distributions in the dataset and in the place's pictures.
 
     Returns:
-        The drawing, an SVG, as a data URI. Equal arguments give equal drawings.
+        The plots, an SVG, as a data URI. Equal arguments give equal bytes.
     """
-    below = -(-len(rows) // _COLUMNS)
+    measure_rows = -(-len(rows) // _MEASURES_IN_ROW)
     style: dict[Any, Any] = {"svg.hashsalt": "report", "svg.fonttype": "none"}
-    style |= dict.fromkeys(("text.color", "axes.edgecolor", "axes.titlecolor", "xtick.color", "ytick.color"), _INK)
+    style |= dict.fromkeys(("text.color", "axes.edgecolor", "axes.titlecolor", "xtick.color", "ytick.color"), _TEXT)
     with mpl.rc_context(style):
+        heights = [_DISPARITY_HEIGHT, *[_MEASURES_HEIGHT] * measure_rows]
         # The solver of a constrained layout is not reproducible to the last bit.
-        figure = Figure(figsize=(_WIDTH_IN, _FIRST_IN + below * _ROW_IN), layout="tight")
+        figure = Figure(figsize=(_REPORT_WIDTH, sum(heights)), layout="tight")
         FigureCanvasAgg(figure)
-        grid = figure.add_gridspec(1 + below, _COLUMNS, height_ratios=[_FIRST_IN, *[_ROW_IN] * below])
-        _draw_disparity(figure.add_subplot(grid[0, :]), achieved, target)
+        grid = figure.add_gridspec(len(heights), _MEASURES_IN_ROW, height_ratios=heights)
+        _plot_disparity(figure.add_subplot(grid[0, :]), achieved, target)
         for number, row in enumerate(rows):
-            edges = np.histogram_bin_edges(np.concatenate([row.dataset, row.place]), _BINS)
-            ours, theirs = (
+            edges = np.histogram_bin_edges(np.concatenate([row.dataset, row.place]), _MEASURE_BINS)
+            shares_of_dataset, shares_of_place = (
                 np.histogram(values, edges)[0] / values.size if values.size else None
                 for values in (row.dataset, row.place)
             )
-            axis = figure.add_subplot(grid[1 + number // _COLUMNS, number % _COLUMNS])
-            _draw_shares(axis, edges, ours, theirs, f"{row.measure.name}, {row.measure.unit}")
+            axis = figure.add_subplot(grid[1 + number // _MEASURES_IN_ROW, number % _MEASURES_IN_ROW])
+            title = f"{row.measure.name}, {row.measure.unit}"
+            _plot_shares(axis, edges, shares_of_dataset, shares_of_place, title)
         for axis in figure.axes:
             axis.set_facecolor("none")
         data = io.BytesIO()

@@ -1,4 +1,7 @@
-"""Compares the measures of a dataset with those of its place, and finds pairs that differ from all others."""
+"""Compares the measures of a dataset with those of its place, and finds outliers among its pairs.
+
+The place is where the network will work. Its pictures are photographs and disparity maps.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,17 +12,17 @@ from numpy.typing import NDArray
 
 from semisynth_gl.judge.measures import MEASURES, Measure, advice
 
-# Minimum number of a place's pictures with which a dataset is compared. If a dataset is like its place, one measure in
-# four is more than one standard deviation apart by chance with four pictures, and one in thirty with eleven.
-FEWEST = 4
-# As shares of a measure's mean: the standard deviation assumed for a single picture, and the minimum for several.
-_UNKNOWN, _LEAST = 0.25, 0.05
-# An outlier is at least _FAR standard deviations off; these are _DEVIATION median absolute deviations, if normal.
-_FAR, _DEVIATION = 3.0, 1.4826
+# Minimum number of a place's pictures for a comparison. With four pictures, a quarter of the measures of a dataset that
+# is like its place are more than one standard deviation apart by chance; with eleven pictures, one in thirty.
+MIN_PICTURES = 4
+# Minimum distance of an outlier from the median, in standard deviations.
+_OUTLIER_DEVIATIONS = 3.0
+# The standard deviation of a normal distribution, divided by its median absolute deviation.
+_DEVIATION_RATIO = 1.4826
 
 HEAD = ("measure", "unit", "dataset", "place", "off by", "apart", "advice")
 Values = Mapping[str, NDArray[np.float64]]
-"""For the key of each of `MEASURES`, the values (N,) of the N pictures that have the measure."""
+"""The values (N,) of several pictures, by the measure's key in `MEASURES`. A picture may lack some measures."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,10 +33,10 @@ class Row:
         measure: the measure.
         dataset: (N,) float64, the values of the dataset's left views.
         place: (M,) float64, the values of the place's pictures; may be empty.
-        difference: the dataset's mean minus the place's mean, in the place's standard deviations (`unit_of`). None if
-            the dataset has no values, or the place has fewer than `FEWEST` values, or only zeros.
-        distance: the Wasserstein-1 distance of both distributions, in the same unit. Advice depends on it: a mix of
-            crowded and empty scenes may have the place's mean although no pair resembles the place.
+        difference: the dataset's mean minus the place's mean, in standard deviations of the place (see
+            `standard_deviation`). None if the dataset has no values, or the place has fewer than four, or only zeros.
+        distance: the Wasserstein-1 distance of both distributions, in standard deviations of the place; None like
+            ``difference``. A mix of crowded and empty scenes may have the place's mean, but a large distance.
         advice: what to change in the config; "" if there is nothing to change, or no key is known.
     """
 
@@ -61,9 +64,9 @@ class MeasuredPair:
 
     Attributes:
         position: index of the pair in the `Dataset` that was measured.
-        name: name of the pair's scene, with the split in a dataset of several splits.
+        name: the pair's name, with the split in a dataset of several splits.
         recipe: the recipe that sampled the pair's scene; None where the config has no recipes.
-        values: the values of the left view, for the key of each of `MEASURES` that the view has.
+        values: the measures of the left view, by the key of each measure; some may be missing.
     """
 
     position: int
@@ -83,7 +86,7 @@ class Outlier(NamedTuple):
 
 
 def gather(pictures: Iterable[Mapping[str, float]]) -> Values:
-    """Collect the measures of pictures into arrays; a picture's mapping may lack some keys."""
+    """Collect the measures of each picture, by key, into an array for each key; pictures may lack some keys."""
     found = list(pictures)
     return {
         measure.key: np.array([each[measure.key] for each in found if measure.key in each], np.float64)
@@ -91,17 +94,17 @@ def gather(pictures: Iterable[Mapping[str, float]]) -> Values:
     }
 
 
-def unit_of(values: NDArray[np.float64]) -> float:
-    """Return the unit of differences: the standard deviation of a place's pictures, with Bessel's correction.
+def standard_deviation(values: NDArray[np.float64]) -> float:
+    """Return the standard deviation of a measure of a place's pictures, with Bessel's correction.
 
     It is at least 5 % of the mean. For a single picture, it is 25 % of the mean.
     """
     mean = abs(float(values.mean()))
-    return max(float(values.std(ddof=1)), _LEAST * mean) if len(values) > 1 else _UNKNOWN * mean
+    return max(float(values.std(ddof=1)), 0.05 * mean) if len(values) > 1 else 0.25 * mean
 
 
 def compare(dataset: Values, place: Values, recipes: Sequence[Mapping[str, Any]]) -> list[Row]:
-    """Return a row for each measure that the dataset's left views or the place's pictures have.
+    """Compare each measure that the dataset's left views or the place's pictures have.
 
     ``recipes`` are the configs of the recipes in JSON's types, or only the config if it has no recipes.
     """
@@ -113,31 +116,32 @@ def compare(dataset: Values, place: Values, recipes: Sequence[Mapping[str, Any]]
 
 
 def _row(
-    measure: Measure, ours: NDArray[np.float64], theirs: NDArray[np.float64], recipes: Sequence[Mapping[str, Any]]
+    measure: Measure, dataset: NDArray[np.float64], place: NDArray[np.float64], recipes: Sequence[Mapping[str, Any]]
 ) -> Row:
-    if len(ours) == 0 or len(theirs) < FEWEST:
-        return Row(measure, ours, theirs)
+    if len(dataset) == 0 or len(place) < MIN_PICTURES:
+        return Row(measure, dataset, place)
     from scipy.stats import wasserstein_distance  # noqa: PLC0415 - slow to load
 
-    unit = unit_of(theirs)
-    if unit == 0:
-        # All values of the place are 0, so there is no unit of differences.
-        return Row(measure, ours, theirs, advice=advice(measure, recipes, more=False) if ours.any() else "")
-    off, apart = float(ours.mean() - theirs.mean()) / unit, float(wasserstein_distance(ours, theirs)) / unit
+    deviation = standard_deviation(place)
+    if deviation == 0:
+        # All values of the place are 0.
+        return Row(measure, dataset, place, advice=advice(measure, recipes, more=False) if dataset.any() else "")
+    difference = float(dataset.mean() - place.mean()) / deviation
+    distance = float(wasserstein_distance(dataset, place)) / deviation
     change = ""
-    if abs(off) > 1:
-        change = advice(measure, recipes, more=off < 0)
-    elif apart > 1:
-        vary = "more: add recipes to scenes, or widen ranges" if ours.std() < theirs.std() else "less: narrow ranges"
+    if abs(difference) > 1:
+        change = advice(measure, recipes, more=difference < 0)
+    elif distance > 1:
+        vary = "more: add recipes to scenes, or widen ranges" if dataset.std() < place.std() else "less: narrow ranges"
         change = f"the mean fits, but pairs should vary {vary}"
-    return Row(measure, ours, theirs, off, apart, change)
+    return Row(measure, dataset, place, difference, distance, change)
 
 
 def find_outliers(pairs: Sequence[MeasuredPair]) -> list[Outlier]:
-    """For each measure, return the pair farthest from the median, if at least three standard deviations off.
+    """Return for each measure the pair that is farthest from the median, if it is three standard deviations or more.
 
-    The farthest outlier comes first. The standard deviation is estimated from the median absolute deviation, or from
-    the mean absolute deviation if more than half of the pairs have the same value.
+    The farthest outlier comes first. The standard deviation is estimated from the median absolute deviation. If that is
+    0, since more than half of the pairs have the same value, the mean absolute deviation replaces it.
     """
     outliers = []
     for measure in MEASURES:
@@ -147,15 +151,15 @@ def find_outliers(pairs: Sequence[MeasuredPair]) -> list[Outlier]:
         values = np.array([pair.values[measure.key] for pair in valued])
         typical = float(np.median(values))
         off = np.abs(values - typical)
-        scale = _DEVIATION * float(np.median(off)) or float(off.mean())
+        deviation = _DEVIATION_RATIO * float(np.median(off)) or float(off.mean())
         at = int(np.argmax(off))
-        if scale and off[at] >= _FAR * scale:
-            outliers.append(Outlier(valued[at], measure, float(values[at]), typical, float(off[at] / scale)))
+        if deviation and off[at] >= _OUTLIER_DEVIATIONS * deviation:
+            outliers.append(Outlier(valued[at], measure, float(values[at]), typical, float(off[at] / deviation)))
     return sorted(outliers, key=lambda outlier: -outlier.deviations)
 
 
 def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """Return a head and a row of texts for each measure; only the first three columns if no place was measured."""
+    """Return a table as texts: `HEAD`, and a row for each measure; without a place, only the first three columns."""
     texts = [
         (
             row.measure.name,
@@ -173,16 +177,16 @@ def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
 
 
 def summary(rows: Sequence[Row]) -> list[str]:
-    """Return lines: how many measures are near the place's, and what to change, for the farthest measures first."""
-    compared = [row.distance for row in rows if row.distance is not None]
-    near = sum(apart <= 1 for apart in compared)
-    head = f"{near} of {len(compared)} measures within one standard deviation (sd) of the place"
+    """Return lines: how many measures are near the place's, and the advice, for the most distant measure first."""
+    distances = [row.distance for row in rows if row.distance is not None]
+    near = sum(distance <= 1 for distance in distances)
+    head = f"{near} of {len(distances)} measures within one standard deviation (sd) of the place"
     advised = sorted((row for row in rows if row.advice), key=lambda row: -(row.distance or 0.0))
-    return [*[head] * bool(compared), *(f"  {row.measure.name}: {row.advice}" for row in advised)]
+    return [*[head] * bool(distances), *(f"  {row.measure.name}: {row.advice}" for row in advised)]
 
 
 def _shown(values: NDArray[np.float64]) -> str:
-    """Return mean and deviation as text, "-" if there are no values."""
+    """Return mean and standard deviation as text, "-" if there are no values."""
     if not values.size:
         return "-"
     mean = abs(float(values.mean()))

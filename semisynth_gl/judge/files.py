@@ -1,4 +1,4 @@
-"""Checks that all files exist and are as recorded, and that no foreign file misleads a loader."""
+"""Checks that a dataset has all files that its index and its shards' records list, unchanged, and no others."""
 
 import hashlib
 from io import BufferedReader
@@ -15,13 +15,16 @@ from semisynth_gl.inputs.errors import ReadError, counted
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.layouts.roles import NEEDED_ROLES
 
-_ABOUT = frozenset({INDEX, PLAN, CARD})
+_DOCUMENTS = frozenset({INDEX, PLAN, CARD})
 
 
 def check_index(index: StoredIndex, verdict: Verdict) -> None:
-    """Check that the index is consistent, that all documents and lists exist, and that the index lists all files."""
+    """Check the index's digest of the config, that documents and the layout's lists exist, and that no file is foreign.
+
+    A foreign file is one that the index does not list.
+    """
     plan, root, present = index.plan, index.root, frozenset(names_below(index.root))
-    # Take the digest of the file's values: the parsed config drops keys that this version does not know.
+    # Compute the digest from the file: the parsed config lacks keys that this version does not know.
     digest = digest_of(JSON_OBJECT.decode(read_whole(root, INDEX), Path(INDEX))["config_values"])
     if digest != plan.config_sha256:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {plan.config_sha256:.12}")
@@ -32,10 +35,10 @@ def check_index(index: StoredIndex, verdict: Verdict) -> None:
         pairs = ((split, number) for split, count in plan.pairs.items() for number in range(count))
         shards = shards.union(*(plan.files(*pair).values() for pair in pairs))
     links = {name for name in plan.links if is_local(root) and (root / name).is_symlink()}
-    if foreign := sorted(present - (_ABOUT | {LOCK} | plan.lists.keys() | shards | links)):
+    if foreign := sorted(present - (_DOCUMENTS | {LOCK} | plan.lists.keys() | shards | links)):
         files = counted(len(foreign), "file")
         verdict.add("foreign", f"{files} that the index does not list, but loaders may read, such as {foreign[0]}")
-    for name in sorted(_ABOUT - present):
+    for name in sorted(_DOCUMENTS - present):
         verdict.add("files", f"{name} is missing")
     for name, expected in plan.lists.items():
         try:
@@ -56,9 +59,9 @@ def check_shard(index: StoredIndex, shard: Shard, entry: ShardEntry, verdict: Ve
         verdict.add("shard", f"{shard.record} {error.reason}")
         return None
     for key in ("bytes", "sha256"):
-        ours, theirs = getattr(record, key), getattr(entry, key)
-        if ours != theirs:
-            verdict.add("shard", f"{shard.name}: {key} is {ours!r} in its record, {theirs!r} in the index")
+        recorded, indexed = getattr(record, key), getattr(entry, key)
+        if recorded != indexed:
+            verdict.add("shard", f"{shard.name}: {key} is {recorded!r} in its record, {indexed!r} in the index")
     if record.tar is not None:
         try:
             with (index.root / shard.tar).open("rb") as file:
@@ -67,16 +70,16 @@ def check_shard(index: StoredIndex, shard: Shard, entry: ShardEntry, verdict: Ve
             verdict.add("shard", f"{shard.tar} cannot be read: {error}")
         else:
             if digest != record.sha256:
-                verdict.add("shard", f"{shard.tar} has the sha256 {digest[:12]}, its record {record.sha256:.12}")
+                verdict.add("shard", f"{shard.tar} has the SHA-256 {digest[:12]}, in its record {record.sha256:.12}")
     return record
 
 
 def read_pair(
     index: StoredIndex, shard: Shard, record: ShardRecord | None, number: int, verdict: Verdict
 ) -> StoredFrame | None:
-    """Read a pair's files, and compare their names, digests, sizes and origin with index, layout and record.
+    """Read a pair's files; compare their names and digests with the record, and sizes and provenance with the index.
 
-    Faults become findings. The result is None if the pair cannot be judged further.
+    Faults become findings. Returns None if they prevent further checks of the pair.
     """
     plan = index.plan
     if plan.layout.packed and record is None:
@@ -85,10 +88,10 @@ def read_pair(
     if not values.keys() >= NEEDED_ROLES:
         return None
     _check_origin(values["provenance"], index, shard, number, verdict)
-    sizes = list(wrong_sizes(values, plan.size))
-    for role, fault in sizes:
+    wrong = list(wrong_sizes(values, plan.size))
+    for role, fault in wrong:
         verdict.add("size", f"{plan.files(shard.split, number)[role]} {fault}")
-    if sizes:
+    if wrong:
         return None
     try:
         return assemble_frame(plan.key(shard.split, number), values, plan.encodings)
@@ -100,23 +103,24 @@ def read_pair(
 def _read_files(
     index: StoredIndex, shard: Shard, record: ShardRecord | None, number: int, verdict: Verdict
 ) -> dict[str, Any]:
-    """Read all readable files of a pair, and return their content by role."""
+    """Return the content of a pair's readable files by role."""
     plan, values = index.plan, dict[str, Any]()
     expected = plan.files(shard.split, number)
-    listed = record.samples[number - shard.first].files if record is not None else {}
-    for name in sorted(set(expected.values()) ^ listed.keys()) if record is not None else ():
-        fault = "is in the shard's record, but not in the layout" if name in listed else "is not in the shard's record"
-        verdict.add("files", f"{name} {fault}")
+    listed = {} if record is None else record.samples[number - shard.first].files
+    if record is not None:
+        for name in sorted(set(expected.values()) ^ listed.keys()):
+            fault = "is in the record, but not in the layout" if name in listed else "is not in the shard's record"
+            verdict.add("files", f"{name} {fault}")
     for role, name in expected.items():
         try:
             if plan.layout.packed and record is not None:
                 data = read_members(index.root, shard, record, number, [name])[name]
             else:
                 data = read_whole(index.root, name)
-            # Files in a tar have no digest; only the tar has one.
+            # Records have no digests of files in a tar, only that of the tar.
             recorded, digest = listed[name].sha256 if name in listed else None, hashlib.sha256(data).hexdigest()
             if recorded not in (None, digest):
-                verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {recorded:.12}")
+                verdict.add("sha256", f"{name} has the SHA-256 {digest[:12]}, in its shard's record {recorded:.12}")
             values[role] = decode_file(plan.layout, role, data, Path(name), plan.encodings)
         except ReadError as error:
             verdict.add("files", f"{name} {error.reason}")
@@ -124,7 +128,7 @@ def _read_files(
 
 
 def _check_origin(provenance: dict[str, Any], index: StoredIndex, shard: Shard, number: int, verdict: Verdict) -> None:
-    """Compare a pair's provenance with the index, and with the pair's place in the dataset."""
+    """Compare a pair's provenance with the index, and with the pair's split and number."""
     plan = index.plan
     expected: dict[str, Any] = {name: getattr(plan, name) for name in ("program", "version", "config_sha256", "seed")}
     expected |= {"config": plan.name, "pair": number, "split": shard.split}

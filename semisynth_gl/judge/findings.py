@@ -1,4 +1,4 @@
-"""Findings: the faults that checks report, and the numbers that they measure."""
+"""The results of checks: findings, which are faults, and measured numbers."""
 
 from dataclasses import dataclass, field
 
@@ -8,16 +8,13 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.inputs.errors import counted
 
-DATASET = "dataset"
-"""The scene's name in findings about the dataset itself."""
-
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One fault of a scene, or of the `DATASET`.
+    """A fault of a pair, or of the dataset as a whole.
 
     Attributes:
-        scene: name of the pair's scene, with its split in a dataset of several splits; or `DATASET`.
+        scene: the pair's name, with its split in a dataset of several splits; or ``dataset``.
         check: name of the check; a check of one array is named after the array's channel.
         message: the fault, on one line.
     """
@@ -32,7 +29,7 @@ class Finding:
 
 @dataclass(slots=True)
 class Verdict:
-    """The results of all checks of one scene, or of the `DATASET`.
+    """The results of all checks of a pair, or of the dataset as a whole; ``scene`` is as in `Finding`.
 
     Findings are in the order of the checks. Measures are numbers by name; a measure's name ends in its unit.
     """
@@ -46,9 +43,9 @@ class Verdict:
         self.findings.append(Finding(self.scene, check, " ".join(message.split())))
 
     def add_pixels(self, channel: str, eye: Eye, fault: str, wrong: NDArray[np.bool_]) -> None:
-        """Add a finding if any pixel (H, W) of an eye's channel is ``wrong``; the ``fault`` is text such as "is NaN".
+        """Add a finding if any pixel of an eye's channel is ``wrong`` (H, W); ``fault`` is a text such as "is NaN".
 
-        The finding has the number of these pixels and the position of the first.
+        The message has the number of wrong pixels, and column and row of the first.
         """
         if wrong.any():
             row, column = np.argwhere(wrong)[0]

@@ -1,8 +1,9 @@
-"""Checks vectors from one image into a second image by the vectors back, the disparities, the mask and the image there.
+"""Compares the two images of a pair, or of two frames of a sequence, at corresponding points.
 
-Disparities lead from one view of a pair to the other. Flow leads from a frame of a sequence to the next or the previous
-frame. Textures are not shaded and move with their surfaces, so both images sample the same texture at the same point of
-a surface. The images differ by the interpolation between the pixels of the second image, and by imperfections of rigs.
+The vectors from pixels of the first image to their points in the second image come from disparity, which leads to the
+other view, or from flow, which leads to the next or the previous frame. At a point, both images must have the same
+disparity, opposite vectors, and the same colour: surfaces are not shaded, and their textures move with them. The colour
+differs only by the interpolation between pixels of the second image, and by a rig's imperfections.
 """
 
 import numpy as np
@@ -12,40 +13,43 @@ from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.judge.findings import Verdict
-from semisynth_gl.judge.interpolation import Floats, between, corners
-from semisynth_gl.judge.lens import find_borders
+from semisynth_gl.judge.interpolation import Floats, interpolate, pixels_around
+from semisynth_gl.judge.lens import hidden_by_borders
 
 Where = NDArray[np.bool_]
 
 _OPPOSITE = {"flow": "flow_backward", "flow_backward": "flow"}
-# Bounds, which docs/verify.md lists.
-_OUTSIDE_PX, _OUTSIDE_SHARE = 0.2, 0.02
+# Bounds, which docs/verify.md lists. A value is wrong if it lies so far outside the range of the four values around its
+# point; so large a share may be wrong.
+_RANGE_PX, _WRONG_SHARE = 0.2, 0.02
 _MEDIAN_PX = 0.01
-_SEEN_SHARE, _HIDDEN_SHARE = 0.02, 0.1
-# Number of pixels that is added to each share, since all pixels around a thin object are wrong together.
-_FEW_PIXELS = 20
+# Maximum share of wrong mask values at points that are certainly visible, and certainly occluded.
+_VISIBLE_SHARE, _OCCLUDED_SHARE = 0.02, 0.1
+# Added to the number that a share allows, since all pixels around a thin object are wrong together.
+_MORE_PIXELS = 20
 # If disparities or vectors differ by less than this, both images show the same point.
 _SAME_PX = 0.05
-# A point is hidden if the disparities of all pixels around it exceed its own by more than this.
+# A point is hidden if the disparities of all four pixels around it are larger by more than this.
 _HIDDEN_PX = 0.25
-# If second differences are below this, a pixel and its neighbours are one surface.
+# A pixel and its neighbours are one surface if their second differences are smaller than this.
 _SMOOTH_PX = 0.25
 # A point that is nearer than this to the image's border may be inside or outside.
 _BORDER_PX = 0.01
-# Minimum and maximum number of pixels for a median or a correlation; more pixels would only take longer.
+# Minimum and maximum number of pixels for a median or a comparison of images; more pixels would only take longer.
 _MIN_PIXELS, _MOST_PIXELS = 200, 200_000
-# Images: minimum share of the variance that is explained, for perfect and for imperfect images; maximum shift of the
-# best fit.
+# Minimum share of the variance that is explained, for perfect and for imperfect images; maximum shift of the best fit.
 _EXPLAINED, _EXPLAINED_IMPERFECT, _SHIFT_PX = 0.8, -0.2, 0.25
-_CAP_LEVELS = 20.0
-# If a shift of the points by a pixel changes the residual by a smaller share, there is nothing to align.
-_VALLEY = 0.1
+# Larger residuals count as this, so that pixels beside edges and on minified textures do not dominate the mean.
+_MOST_LEVELS = 20.0
+# If shifts by a pixel change the mean residual by less than this share, the image has too little contrast to align.
+_LEAST_CHANGE = 0.1
 
 
 def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check the masks of a view's disparity and flow at each pixel.
 
-    A mask must be 0 exactly where no vector leads into the image, and not 255 where a lens border hides the point.
+    A mask must be 0 where there is no vector or the vector leads out of the second image, and nowhere else. It must not
+    be 255 where a border hides the point, see `hidden_by_borders`.
     """
     view = frame.view(eye)
     for channel in ("disparity", *_OPPOSITE):
@@ -60,35 +64,35 @@ def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         within_px = 0.5 + np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y))
         outside = known & (within_px < -_BORDER_PX - error_px)
         inside = known & (within_px > _BORDER_PX + error_px)
-        border, _ = find_borders(frame, eye, channel, vectors, error_px)
+        hidden, _ = hidden_by_borders(frame, eye, channel, vectors, error_px)
         verdict.add_pixels(mask_name, eye, f"is not 0 without {channel}", ~known & (mask != OUTSIDE))
         verdict.add_pixels(mask_name, eye, "is not 0 for a point outside the image", outside & (mask != OUTSIDE))
         verdict.add_pixels(mask_name, eye, "is 0 for a point in the image", inside & (mask == OUTSIDE))
-        verdict.add_pixels(mask_name, eye, "is 255 though a border hides the point", border & (mask == VISIBLE))
+        verdict.add_pixels(mask_name, eye, "is 255 though a border hides the point", hidden & (mask == VISIBLE))
 
 
 def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:
-    """Compare both views' disparities, masks and images at points that disparity matches.
+    """Compare the disparities, masks and images of both views at points that correspond by disparity.
 
     ``imperfect`` says whether the images have the imperfections of a rig, or a lossy encoding.
     """
     if any("disparity" not in frame.view(eye) for eye in EYES):
         return
     for eye in EYES:
-        own, other = frame.view(eye), frame.view(OTHER_EYE[eye])
-        match = _Match(frame, eye, "disparity", verdict)
-        now, there = own["disparity"][match.pixels], match.around(other["disparity"])
+        view, other = frame.view(eye), frame.view(OTHER_EYE[eye])
+        points = _Correspondences(frame, eye, "disparity", verdict)
         name = f"disparity_{eye} against disparity_{OTHER_EYE[eye]}"
-        hidden = match.compare("left-right", f"left_right_{eye}", name, now, there, 2 * match.error_px)
-        match.check_mask(match.surface & match.same, hidden)
+        first, second = view["disparity"], other["disparity"]
+        hidden = points.compare("left-right", f"left_right_{eye}", name, first, second, 2 * points.error_px)
+        points.check_mask(points.one_surface & points.same, hidden)
         if eye == "left":
-            match.check_images("images", name, "", own["image"], other["image"], imperfect=imperfect)
+            points.check_images("images", name, "", view["image"], other["image"], imperfect=imperfect)
 
 
 def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, images: bool) -> None:
     """Check flow, its masks and changes of disparity between a frame and the next frame of its sequence.
 
-    ``images`` says whether both images show the same textures apart from resampling, so that they can be compared, too.
+    ``images`` says whether to compare the images, too: a surface has the same colour in both, apart from resampling.
     """
     for eye in EYES:
         for channel in _OPPOSITE:
@@ -100,38 +104,41 @@ def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, i
 def _check_flow(
     channel: str, eye: Eye, start: StoredFrame, end: StoredFrame, verdict: Verdict, *, images: bool
 ) -> None:
-    own, other, name = start.view(eye), end.view(eye), f"{channel}_{eye}"
-    match = _Match(start, eye, channel, verdict)
-    now, there = own["disparity"][match.pixels], match.around(other["disparity"])
-    seen, hidden = np.zeros_like(match.visible), np.zeros_like(match.visible)
-    change = (own if channel == "flow" else other).get("disparity_change")
+    view, other, name = start.view(eye), end.view(eye), f"{channel}_{eye}"
+    points = _Correspondences(start, eye, channel, verdict)
+    seen, hidden = np.zeros_like(points.visible), np.zeros_like(points.visible)
+    change = (view if channel == "flow" else other).get("disparity_change")
     if change is not None:
-        # Compare the disparities at the later moment, to which the earlier frame's change leads.
-        now, there = (now + change[match.pixels], there) if channel == "flow" else (now, there + match.around(change))
+        # The change leads from the earlier frame to the later one, where the disparities are compared.
+        first, second = view["disparity"], other["disparity"]
+        first, second = (first + change, second) if channel == "flow" else (first, second + change)
         label, error_px = f"disparity_change_{eye} by {name} of {start.name}", start.encodings.disparity.error_px
-        hidden = match.compare("disparity_change", f"{name}_change", label, now, there, 2 * error_px)
-    back = other.get(_OPPOSITE[channel])
-    if back is not None:
-        label, there = f"{name} of {start.name} against that of {end.name}", -match.around(back)
-        match.compare("flow-frames", f"{name}_frames", label, own[channel][match.pixels], there, 2 * match.error_px)
-        # Only the flow back distinguishes two surfaces of similar disparity.
-        seen = match.surface & match.same
-    match.check_mask(seen, hidden)
+        hidden = points.compare("disparity_change", f"{name}_change", label, first, second, 2 * error_px)
+    opposite = other.get(_OPPOSITE[channel])
+    if opposite is not None:
+        label = f"{name} of {start.name} against that of {end.name}"
+        points.compare("flow-frames", f"{name}_frames", label, view[channel], -opposite, 2 * points.error_px)
+        # Disparities do not distinguish two surfaces of similar depth; the opposite flow does.
+        seen = points.one_surface & points.same
+    points.check_mask(seen, hidden)
     if images:
         label = f"{name} of {start.name} to {end.name}"
-        match.check_images("flow-images", label, f"{name}_", own["image"], other["image"])
+        points.check_images("flow-images", label, f"{name}_", view["image"], other["image"])
 
 
-class _Match:
-    """Pixels of a view that lie on smooth surfaces, and their points in another image.
+class _Correspondences:
+    """Pixels of a view that lie on smooth surfaces, and their points in a second image.
+
+    `compare` narrows ``one_surface`` and ``same`` with each comparison and, without a mask, ``visible``.
 
     Attributes:
         pixels: rows and columns (N,) of at most 200,000 pixels, evenly spread.
-        points: x and y (N,) px of their points.
+        points: x and y (N,), px, of the pixels' points in the second image.
         error_px: largest error of the vectors by their encoding.
-        visible: (N,) where the other image shows the point, by the mask; without a mask, where nothing hides the point.
-        surface: (N,) where the values around the point belong to one surface in all comparisons so far.
-        same: (N,) where both images show the same point in all comparisons so far.
+        visible: (N,) True where the second image shows the point: by the mask, or without a mask, unless a nearer
+            surface was found there.
+        one_surface: (N,) True where the four pixels around the point show one surface.
+        same: (N,) True where both images show the same point of a surface.
     """
 
     def __init__(self, frame: StoredFrame, eye: Eye, channel: str, verdict: Verdict) -> None:
@@ -148,81 +155,82 @@ class _Match:
         mask = frame.view(eye).get(str(CHANNELS[channel].mask))
         self._mask = None if mask is None else mask[self.pixels]
         self.visible = np.ones(len(inside), bool) if self._mask is None else self._mask == VISIBLE
-        self.surface, self.same = np.ones(len(inside), bool), np.ones(len(inside), bool)
-        self._certain = ~find_borders(frame, eye, channel, vectors, self.error_px)[1][self.pixels]
+        self.one_surface, self.same = np.ones(len(inside), bool), np.ones(len(inside), bool)
+        self._no_border = ~hidden_by_borders(frame, eye, channel, vectors, self.error_px)[1][self.pixels]
         self._mask_name, self._eye, self._verdict = str(CHANNELS[channel].mask), eye, verdict
 
-    def around(self, array: Floats) -> Floats:
-        """Return the other image's array in the four pixels around the points, (4, N, C)."""
-        return corners(array, *self.points)
+    def compare(self, check: str, measure: str, name: str, first: Floats, second: Floats, error_px: float) -> Where:
+        """Compare an array of the first image with one of the second at the points; both are (H, W) or (H, W, C), px.
 
-    def compare(self, check: str, measure: str, name: str, own: Floats, around: Floats, error_px: float) -> Where:
-        """Compare values (N,) or (N, C) px with the values around their points (4, N, C): outliers and the median.
-
-        Returns:
-            (N,) where all values around the point are larger: for disparities, where a nearer surface hides it.
+        Few values may lie outside the range of the four pixels around their points, and the median difference from the
+        interpolated values must be small. Both bounds grow by ``error_px``. Findings have ``check`` and ``name``, and
+        measures begin with ``measure``. Returns (N,) True where all four pixels have larger values: for disparities,
+        where a nearer surface hides the point.
         """
-        own, low, high = own.reshape(around.shape[1:]), around.min(axis=0), around.max(axis=0)
-        hidden = (low > own + _HIDDEN_PX + error_px).all(axis=1)
+        around = pixels_around(second, *self.points)
+        values, low, high = first[self.pixels].reshape(around.shape[1:]), around.min(axis=0), around.max(axis=0)
+        hidden = (low > values + _HIDDEN_PX + error_px).all(axis=1)
         if self._mask is None:
             self.visible &= ~hidden
-        bound = _OUTSIDE_PX + error_px
-        wrong = self.visible & ~(np.maximum(low - own, own - high) <= bound).all(axis=1)
+        bound = _RANGE_PX + error_px
+        wrong = self.visible & ~(np.maximum(low - values, values - high) <= bound).all(axis=1)
         self._verdict.measures[f"{measure}_outside_share"] = float(wrong.sum() / max(self.visible.sum(), 1))
-        if _too_many(wrong, self.visible, _OUTSIDE_SHARE):
+        if _too_many(wrong, self.visible, _WRONG_SHARE):
             pixels = f"{wrong.sum()} of {self.visible.sum()} visible pixels"
             self._verdict.add(check, f"{name}: {pixels} are off by more than {bound:.3g} px")
-        self.surface &= (high - low < 1).all(axis=1)
-        differences, bound = np.abs(own - between(around, *self.points)), _MEDIAN_PX + error_px
+        self.one_surface &= (high - low < 1).all(axis=1)
+        differences, bound = np.abs(values - interpolate(around, *self.points)), _MEDIAN_PX + error_px
         self.same &= (differences < _SAME_PX + error_px).all(axis=1)
-        if (self.visible & self.surface).sum() >= _MIN_PIXELS:
-            median = float(np.median(differences[self.visible & self.surface], axis=0).max())
+        compared = self.visible & self.one_surface
+        if compared.sum() >= _MIN_PIXELS:
+            median = float(np.median(differences[compared], axis=0).max())
             self._verdict.measures[f"{measure}_median_px"] = median
             if not median <= bound:
                 self._verdict.add(check, f"{name}: the median difference is {median:.3g} px, over {bound:.3g} px")
         return np.asarray(hidden & np.isfinite(low).all(axis=1))
 
     def check_mask(self, seen: Where, hidden: Where) -> None:
-        """Judge the mask at points that the other image certainly shows, ``seen`` (N,), or hides, ``hidden`` (N,)."""
+        """Check the mask at the points that the second image shows, ``seen`` (N,), or hides, ``hidden`` (N,)."""
         if self._mask is None:
             return
-        seen, hidden, name = seen & self._certain, hidden & self._certain, f"{self._mask_name}_{self._eye}"
+        seen, hidden, name = seen & self._no_border, hidden & self._no_border, f"{self._mask_name}_{self._eye}"
         wrong = (seen & (self._mask != VISIBLE)) | (hidden & (self._mask != OCCLUDED))
         self._verdict.measures[f"{name}_disagree_share"] = float(wrong.sum() / max((seen | hidden).sum(), 1))
-        for state, where, share in (("visible", seen, _SEEN_SHARE), ("occluded", hidden, _HIDDEN_SHARE)):
+        for state, where, share in (("visible", seen, _VISIBLE_SHARE), ("occluded", hidden, _OCCLUDED_SHARE)):
             if _too_many(wrong & where, where, share):
                 counts = f"{(wrong & where).sum()} of {where.sum()} pixels"
                 self._verdict.add(self._mask_name, f"{name}: {counts} that are {state} have a different value")
 
     def check_images(
-        self, check: str, name: str, measure: str, own: Floats, other: Floats, *, imperfect: bool = False
+        self, check: str, name: str, measure: str, image: Floats, other: Floats, *, imperfect: bool = False
     ) -> None:
-        """Check that the other image, resampled at the points of visible surfaces, equals this image.
+        """Check that the second image, resampled at the points of visible surfaces, equals the first image.
 
-        It must explain 80 % of the variance. Imperfect images, of a rig or with a lossy encoding, get equal brightness
-        and contrast first, and must correlate by 0.4, which then explains -20 %. All images must fit best without a
-        shift: a parabola through the residuals at shifts of -1, 0 and 1 px must have its minimum near 0.
+        It must explain 80 % of the variance. ``imperfect`` images are first given equal means and deviations. Their
+        correlation r then explains 2 r - 1 of the variance, and must be at least 0.4. All images must fit best without
+        a shift: a parabola through the mean residuals at shifts of -1, 0 and 1 px must have its minimum near 0.
         """
-        own, other = (image.reshape(*image.shape[:2], -1).mean(axis=2) for image in (own, other))
+        image, other = (each.reshape(*each.shape[:2], -1).mean(axis=2) for each in (image, other))
         height, width = other.shape
         row, (x, y) = self.pixels[0], self.points
         level_rows = bool((y == row).all())
+        # Points shifted by a pixel must be in the image, too.
         inside = (x >= 1) & (x <= width - 2) & (((y >= 1) & (y <= height - 2)) | level_rows)
-        judged = inside & self.visible & self.surface
-        if judged.sum() < _MIN_PIXELS:
+        compared = inside & self.visible & self.one_surface
+        if compared.sum() < _MIN_PIXELS:
             return
 
         def warp(right_px: int, down_px: int) -> Floats:
-            along, down = x[judged] + right_px, y[judged] + down_px
-            return between(corners(other, along, down), along, down)[:, 0]
+            along, down = x[compared] + right_px, y[compared] + down_px
+            return interpolate(pixels_around(other, along, down), along, down)[:, 0]
 
-        levels, warped, least = own[self.pixels][judged], warp(0, 0), _EXPLAINED
+        levels, warped = image[self.pixels][compared], warp(0, 0)
         contrasts = levels.std(), warped.std()
         if max(contrasts) < 1 or (imperfect and min(contrasts) < 1):
             return
         if imperfect:
             levels = (levels - levels.mean()) * (warped.std() / levels.std()) + warped.mean()
-            least = _EXPLAINED_IMPERFECT
+        least = _EXPLAINED_IMPERFECT if imperfect else _EXPLAINED
         explained = float(1 - np.mean((levels - warped) ** 2) / max(warped.var(), 1))
         self._verdict.measures[f"{measure}image_explained"] = explained
         if explained < least:
@@ -231,8 +239,8 @@ class _Match:
             return
         for axis in "x" if level_rows else "xy":
             moved = (warp(step * (axis == "x"), step * (axis == "y")) for step in (-1, 0, 1))
-            # Limited, so that pixels beside edges and on minified texture do not dominate.
-            shift_px = _least_at(*(float(np.minimum(abs(levels - there), _CAP_LEVELS).mean()) for there in moved))
+            residuals = (float(np.minimum(abs(levels - there), _MOST_LEVELS).mean()) for there in moved)
+            shift_px = _minimum_of_parabola(*residuals)
             if shift_px is not None:
                 self._verdict.measures[f"{measure}best_shift_{axis}_px"] = shift_px
                 if abs(shift_px) > _SHIFT_PX:
@@ -241,19 +249,19 @@ class _Match:
 
 
 def _vectors(frame: StoredFrame, eye: Eye, channel: str) -> tuple[Floats, float]:
-    """Return a view's vectors (H, W, 2) px, of disparity or flow, and the maximum error of the encoding, px."""
+    """Return a view's vectors (H, W, 2), px, by disparity or flow, and the largest error of their encoding, px."""
     if channel == "disparity":
         return frame.correspondences(eye), frame.encodings.disparity.error_px
     return frame.view(eye)[channel], frame.encodings.flow.error_px
 
 
 def _too_many(wrong: Where, among: Where, share: float) -> bool:
-    return bool(wrong.sum() > share * among.sum() + _FEW_PIXELS)
+    return bool(wrong.sum() > share * among.sum() + _MORE_PIXELS)
 
 
-def _least_at(before: float, here: float, after: float) -> float | None:
-    """Return the minimum, from -1 to 1, of a parabola through residuals at -1, 0 and 1; None if they hardly differ."""
-    if max(before, here, after) - min(before, here, after) < _VALLEY * max(before, here, after):
+def _minimum_of_parabola(before: float, here: float, after: float) -> float | None:
+    """Return where a parabola through residuals at -1, 0 and 1 is least, from -1 to 1; None if they hardly differ."""
+    if max(before, here, after) - min(before, here, after) < _LEAST_CHANGE * max(before, here, after):
         return None
     if here > min(before, after):
         return -1.0 if before < after else 1.0

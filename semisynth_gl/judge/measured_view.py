@@ -1,4 +1,4 @@
-"""Brings the luminance and disparity of a view to one working width, so that views of all sizes can be compared."""
+"""Resizes the luminance and disparity of views to one working width, so that views of all sizes can be compared."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,10 @@ from semisynth_gl.judge.interpolation import fill_holes
 from semisynth_gl.seeds.seeds import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
-WORKING_WIDTH = 512
-"""Width to which all images and maps are resized, px; see `working_width`."""
+_WORKING_WIDTH = 512
 
-_DENSE = 0.5
+DENSE = 0.5
+"""Minimum share of pixels with a disparity in dense maps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,10 +22,10 @@ class MeasuredView:
     Attributes:
         luminance: (H, W) float32, 8-bit levels; None for a map without an image.
         disparity: (H, W) float32, px of the working width, nan where unknown; None for a photograph.
-        surfaces: (H, W) float32, the disparity with its holes filled, see `fill_holes`, and rows without any value
-            copied from the nearest row. None for a photograph, and for a map in which fewer than half of the pixels
-            have a disparity, as from lidar.
-        enlarged: whether the view was narrower than the working width, so that it lacks the finest detail.
+        surfaces: (H, W) float32, the disparity with its holes filled, see `fill_holes`; rows without any value are
+            copies of the nearest row. None for a photograph, and for a map in which fewer than half of the pixels have
+            a disparity, as from lidar.
+        enlarged: whether the view was narrower than the working width, and so lacks the finest detail.
     """
 
     luminance: NDArray[np.float32] | None
@@ -35,8 +35,8 @@ class MeasuredView:
 
 
 def working_width(width_px: int) -> int:
-    """Return `WORKING_WIDTH`, or the pairs' width if it is smaller, since enlarged images lack the finest detail."""
-    return min(WORKING_WIDTH, width_px)
+    """Return the width to which images and maps are resized: 512 px, or the pairs' width if that is smaller."""
+    return min(_WORKING_WIDTH, width_px)
 
 
 def make_view(
@@ -51,12 +51,8 @@ def make_view(
     Images are averaged over areas. Disparities are sampled at the centres of pixels, since the mean of two surfaces
     would be a surface between them that does not exist.
 
-    Args:
-        width_px: the working width.
-        image: (H, W, 3) uint8 RGB, or (H, W) grey.
-        disparity: (H, W) float32, px of this width. inf and nan mean no value; so do 0 and below, unless
-            ``signed``.
-        signed: whether disparities of 0 and below are valid.
+    The ``image`` is (H, W, 3) uint8 RGB, or (H, W) grey; the ``disparity`` (H, W) float32, px of the width W, where inf
+    and nan mean no value. So do 0 and negative disparities, unless ``signed``.
     """
     height, width = next(array.shape[:2] for array in (image, disparity) if array is not None)
     size = max(1, round(height * width_px / width)), width_px
@@ -65,8 +61,8 @@ def make_view(
         values = disparity[np.ix_(centres(height, size[0]), centres(width, width_px))]
         known = np.isfinite(values) & (signed | (values > 0))
         scaled = np.where(known, values * np.float32(width_px / width), np.float32(np.nan))
-        if known.mean() >= _DENSE:
-            # Rows without any disparity become copies of the nearest row: KITTI's value, -1, would cause jumps.
+        if known.mean() >= DENSE:
+            # KITTI's value for rows without any disparity, -1, would cause jumps.
             rows = np.flatnonzero(known.any(axis=1))
             surfaces = fill_holes(scaled[rows[np.abs(rows[:, None] - np.arange(size[0])).argmin(axis=0)]])
     luminance = None if image is None else mean_luminance(image, size)
@@ -80,7 +76,7 @@ def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[n
     images of unchanged size are comparable with averaged images.
     """
     rows, columns = (_mean_parts(count, parts) for count, parts in zip(image.shape[:2], size, strict=True))
-    # Channel by channel: a large image as float32 RGB would fill memory.
+    # Sum channel by channel: a large image as float32 RGB would fill the memory.
     parts = enumerate(LUMINANCE_PARTS.astype(np.float32))
     luminance = image if image.ndim == 2 else sum(part * image[..., number] for number, part in parts)
     return np.asarray(rows @ (luminance @ columns.T), np.float32)

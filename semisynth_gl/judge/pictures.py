@@ -1,4 +1,4 @@
-"""Encodes pairs for the report's page: images and overlays as data URIs, and disparities without loss."""
+"""Encodes pairs for the report's page: images and overlays as data URIs, and disparities as deflated float32."""
 
 import io
 import zlib
@@ -14,7 +14,7 @@ from PIL import Image
 from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.frame.frame import as_rgb
-from semisynth_gl.judge.interpolation import between, corners
+from semisynth_gl.judge.interpolation import interpolate, pixels_around
 
 COLOUR_MAP = "inferno"
 """The colour map of disparities: perceptually uniform, and dark at small disparities."""
@@ -25,10 +25,11 @@ MASKS = {
     "outside the right view": (93, 58, 155),
     "no disparity": (64, 96, 192),
 }
-"""The colours of masks, RGB, which readers of any colour vision can distinguish. The colour map has no such blue."""
+"""The colours of masks, RGB. Colour-blind readers can distinguish them, and the colour map has no similar blue."""
 
 # The colours cover disparities between these quantiles: otherwise a small near object would use up most colours.
 _COLOURED = (0.01, 0.99)
+# Grey level where the right image does not show the point.
 _UNSEEN = 119
 
 
@@ -37,8 +38,8 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
 
     Pixel (x, y) of a picture is the pair's pixel (x step + step // 2, y step + step // 2). ``colours`` are the
     disparities of the overlay's first and last colour, px. ``values`` is the left view's disparity: float32 px row by
-    row, deflated, in base64. All pictures are data URIs. The images ``left``, ``right`` and ``warped`` (the right image
-    seen from the left) are averaged over step x step pixels. The overlays are ``disparity`` and ``masks``.
+    row, deflated, in base64. The pictures are data URIs: ``left``, ``right`` and ``warped`` (the right image warped to
+    the left view) are means over step x step pixels; the overlays ``disparity`` and ``masks`` are not averaged.
     """
     step = -(-frame.camera.width_px // WIDEST_PX)
     grid = np.s_[step // 2 :: step, step // 2 :: step]
@@ -49,7 +50,7 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
     embedded: dict[str, Any] = {"step": step, "width": width, "height": height, "colours": [low, high]}
     embedded |= {"focal_baseline": frame.camera.focal_baseline, "doffs": frame.camera.doffs_px}
     for name, array in (("left", frame.left.image), ("right", frame.right.image), ("warped", _warped(frame))):
-        # Squares at the border may be incomplete. A square whose centre pixel lies outside the image is dropped.
+        # `reduce` also averages incomplete squares at the border. Drop those whose centre is outside the image.
         embedded[name] = _uri(Image.fromarray(array).reduce(step).crop((0, 0, width, height)), "JPEG", quality=90)
     shares = (np.nan_to_num(disparity, posinf=low) - low) / ((high - low) or 1.0)
     colours = colormaps[COLOUR_MAP](np.linspace(0, 1, 255), bytes=True)[:, :3].tolist()
@@ -65,17 +66,17 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
 
 
 def _warped(frame: StoredFrame) -> NDArray[np.uint8]:
-    """Return the right image warped to the left view by the left disparity, (H, W, 3); grey where it has no value."""
+    """Return the right image warped to the left view by the left disparity, (H, W, 3); grey where nothing is seen."""
     height, width = frame.left.disparity.shape
     row, column = np.mgrid[:height, :width]
-    way = frame.correspondences("left")
-    x, y = column + way[..., 0], row + way[..., 1]
+    vectors = frame.correspondences("left")
+    x, y = column + vectors[..., 0], row + vectors[..., 1]
     seen = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     if "visibility" in frame.left:
         seen &= frame.left.visibility == VISIBLE
     warped = np.full((height, width, 3), _UNSEEN, np.uint8)
     right, x, y = as_rgb(frame.right.image).astype(np.float32), x[seen], y[seen]
-    warped[seen] = np.rint(between(corners(right, x, y), x, y))
+    warped[seen] = np.rint(interpolate(pixels_around(right, x, y), x, y))
     return warped
 
 

@@ -1,4 +1,4 @@
-"""Reads and measures the place that a dataset is made for: its photographs and its disparity maps."""
+"""Measures the place where the network will work, by photographs and disparity maps of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ from semisynth_gl.textures.subjects import group_by_subject, of_subjects
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceMeasures:
-    """The measures of a place.
+    """The measures of a place, as a reference for a dataset.
 
     Attributes:
-        values: the measures. Measures of images come from the photographs, averaged over each subject. All other
-            measures come from the maps.
+        values: the measures by key: those of images from the photographs, as means over each subject; the others from
+            the disparity maps.
         summary: numbers of photographs, subjects and maps, as text.
         notes: sentences on photographs and maps that were not used, or only in part.
     """
@@ -38,11 +38,8 @@ class ReferenceMeasures:
 def map_files(sources: Sequence[str | Path]) -> list[Path]:
     """Return the disparity maps in files, folders and globs: .pfm, .npy and 16-bit grey .png.
 
-    Images and masks may lie beside maps, so PNG files that are not maps are ignored in folders and globs.
-
-    Raises:
-        InputError: where a source matches no map.
-        ReadError: where a PNG cannot be read.
+    In folders and globs, other PNG files, such as images and masks, are ignored. Raises InputError if a source matches
+    no map, and ReadError if a PNG cannot be read.
     """
     paths: dict[Path, None] = {}
     for source in sources:
@@ -61,11 +58,8 @@ def map_files(sources: Sequence[str | Path]) -> list[Path]:
 def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
     """Read a disparity map, (H, W) float32 px, with nan where it has no value.
 
-    In .pfm and .npy, inf, nan, 0 and negative numbers mean that there is no value. In a 16-bit grey .png, 0 means that.
-    A PNG has ``png_scale`` levels per pixel of disparity.
-
-    Raises:
-        ReadError: where the file cannot be read.
+    In .pfm and .npy files, inf, nan, 0 and negative numbers mean no value; in a 16-bit grey .png, 0 does. A PNG has
+    ``png_scale`` levels per pixel of disparity. Raises ReadError if the file cannot be read.
     """
     values = read_disparity_map(path, png_scale)
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
@@ -76,11 +70,8 @@ def measure_place(
 ) -> ReferenceMeasures:
     """Measure a place's photographs and its disparity maps, true or predicted, at the working width ``width_px``.
 
-    ``png_scale`` is that of `read_map`.
-
-    Raises:
-        InputError: where no photograph can be read.
-        ReadError: where a map cannot be read.
+    A PNG map has ``png_scale`` levels per pixel of disparity. Raises InputError if no photograph can be read, and
+    ReadError if a map cannot be read.
     """
     notes, subjects = list[str](), list[dict[str, float]]()
     measured = narrow = 0

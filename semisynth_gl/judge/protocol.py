@@ -1,24 +1,22 @@
-"""The definitions of each benchmark's evaluator: judged pixels, treatment of predictions, averages.
+"""How each benchmark's evaluator selects pixels, reads predictions and averages images, by the evaluators' source code.
 
-All definitions come from the evaluators' source code. `semisynth_gl.judge.score` has the part that all evaluators
-share: a pixel is bad if error > t, never >=.
+`semisynth_gl.judge.score` has what all evaluators share: a pixel is bad if error > t, never >=.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.interpolation import fill_holes
 
 ProtocolName = Literal["middlebury", "eth3d", "kitti", "paper"]
-"""Name of a benchmark; ``paper`` means the definitions of HSM's eval_mb.py."""
-PROTOCOL_NAMES: tuple[ProtocolName, ...] = get_args(ProtocolName)
+"""Name of a benchmark; ``paper`` is HSM's eval_mb.py, which the paper of this method used."""
+
 Disparity = NDArray[np.float32]
 Where = NDArray[np.bool_]
 
@@ -64,17 +62,17 @@ class PixelComparison(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """The definitions of a benchmark.
+    """How a benchmark compares predictions with the truth.
 
     Attributes:
         name: name of the benchmark.
-        source: the program with these definitions.
-        read: returns, for a prediction, float32 px, and the truth, the values that the benchmark compares, float32 px;
-            where the prediction is valid; and where the benchmark asks for a disparity.
+        source: the evaluator from which the definitions come.
+        read: for a prediction and the truth, returns three arrays (H, W): the predicted disparities to compare, float32
+            px; True where the prediction is valid; True where the benchmark judges the pixel.
         full_share: factor of all shares: 100 for percent, 1 for fractions.
         invalid: treatment of a judged pixel whose prediction is not valid: it is ``bad``, or ``left out`` of shares and
-            means, or scored with the value that ``read`` has ``filled`` in.
-        pooled: whether several images are treated as one large image; otherwise their figures are averaged.
+            means, or ``filled`` by ``read`` and then compared.
+        pooled: whether several images count as one large image; otherwise their figures are averaged.
         halved: names of the images with half weight in the mean.
     """
 
@@ -89,9 +87,9 @@ class Protocol:
     def compare(self, prediction: Disparity, truth: Truth) -> PixelComparison:
         """Compare a prediction (H, W), float32 px, with the truth; raises InputError if sizes do not fit."""
         values, estimated, judged = self.read(prediction, truth)
-        for name, each in {"prediction": values, "mask": truth.visible, "map of objects": truth.objects}.items():
-            if each is not None and each.shape != truth.disparity.shape:
-                size = shown_size(prediction if each is values else each)
+        for name, array in {"prediction": values, "mask": truth.visible, "map of objects": truth.objects}.items():
+            if array is not None and array.shape != truth.disparity.shape:
+                size = shown_size(prediction if array is values else array)
                 raise InputError(f"the {name} has {size} pixels, the truth {shown_size(truth.disparity)}")
         with np.errstate(invalid="ignore", over="ignore"):
             error: Disparity = np.abs(values - truth.disparity)
@@ -102,19 +100,18 @@ class Protocol:
 def _read_middlebury(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
     """Read as evaldisp.cpp, version 1.6, of the MiddEval3 SDK does.
 
-    A prediction of half or a quarter of the truth's size, with disparities in pixels of that size, is enlarged by
-    repeating pixels. Only +inf is invalid. All other values are clipped to [0, s n], where s is the scale and n is the
-    truth's ndisp / s, rounded up; signed values are clipped only from above. If the truth has whole pixels, values are
-    then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean error NaN.
+    A prediction of 1/s of the truth's size, s = 2 or 4, with disparities in pixels of that size, is enlarged by
+    repeating pixels. Only +inf is invalid. All other values are clipped to [0, s ceil(ndisp / s)]; signed values are
+    clipped only from above. If the truth has whole pixels, values are then rounded, halves upwards. NaN stays NaN: such
+    a pixel is never bad, and makes the mean error NaN.
     """
     scale = next((scale for scale in (2, 4) if scale * prediction.shape[0] == truth.disparity.shape[0]), 1)
-    # Halves and quarters are exact in float32, as in the kit.
     values = np.repeat(np.repeat(prediction * np.float32(scale), scale, axis=0), scale, axis=1)
     valid = values != np.inf
     largest = np.inf if truth.ndisp is None else scale * ceil(truth.ndisp / scale)
     values = np.clip(values, np.float32(-np.inf if truth.signed else 0), np.float32(largest))
     if truth.isint:
-        # In float64, since in float32 0.5 plus the largest number below 0.5 would be 1.
+        # In float32, 0.5 plus the largest number below 0.5 would be 1.
         values = np.floor(values.astype(np.float64) + 0.5).astype(np.float32)
     return values, valid, truth.disparity != np.inf
 
@@ -122,7 +119,7 @@ def _read_middlebury(prediction: Disparity, truth: Truth) -> tuple[Disparity, Wh
 def _read_eth3d(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
     """Read as src/main.cc of github.com/ETH3D/two-view-evaluation does.
 
-    NaN, infinite values and values above the image's width in magnitude affect only ``coverage`` and ``invalid``.
+    NaN, infinite values and values above the image's width in magnitude are invalid.
     """
     valid = np.isfinite(prediction) & (np.abs(prediction) <= truth.disparity.shape[1])
     return prediction, valid, np.isfinite(truth.disparity)
@@ -131,8 +128,8 @@ def _read_eth3d(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, 
 def _read_kitti(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
     """Read as evaluate_scene_flow.cpp and io_disp.h of KITTI 2015's development kit do.
 
-    NaN, infinite values, 0 and, unless signed, negative values are holes. They are filled by `fill_holes`, and judged
-    like all other pixels. Float predictions are not rounded to the kit's 1/256 px.
+    NaN, infinite values and, unless signed, 0 and negative values are holes, which `fill_holes` fills. Float
+    predictions are not rounded to the kit's 1/256 px.
     """
     valid, judged = (np.isfinite(each) & (truth.signed | (each > 0)) for each in (prediction, truth.disparity))
     return fill_holes(np.where(valid, prediction, np.float32(np.nan))), valid, judged
@@ -141,8 +138,8 @@ def _read_kitti(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, 
 def _read_paper(prediction: Disparity, truth: Truth) -> tuple[Disparity, Where, Where]:
     """Read as the paper of this method does, by eval_mb.py of github.com/gengshan-y/high-res-stereo.
 
-    A prediction is clipped only from above, at ndisp, and no pixel is invalid. The script resizes predictions of a
-    different size linearly; we refuse them.
+    A prediction is clipped only from above, at ndisp, and no pixel is invalid. The script resizes predictions whose
+    size differs from the truth's; `Protocol.compare` refuses them.
     """
     values = prediction if truth.ndisp is None else np.minimum(prediction, np.float32(truth.ndisp))
     return values, np.ones(values.shape, bool), truth.disparity != np.inf
@@ -165,9 +162,3 @@ PROTOCOLS: Mapping[ProtocolName, Protocol] = {
     )
 }
 """The definitions of each benchmark by its name."""
-
-
-def find_protocol(name: ProtocolName) -> Protocol:
-    """Return the protocol with a name; raises InputError if there is none."""
-    check_one_of("protocol", name, PROTOCOLS)
-    return PROTOCOLS[name]

@@ -19,22 +19,23 @@ Values = NDArray[np.float64]
 
 # Maximum errors at a pixel's centre, which docs/verify.md lists: px, radians for normals, mask levels for the sky.
 _ERRORS = {"disparity": 1e-3, "normals": radians(0.01), "sky": 0.0}
+# Maximum error of all other channels, which are vectors: px, plus a share of the vector's length.
 _VECTOR_PX, _VECTOR_SHARE = 1e-3, 1e-5
-# Up to this share of the normals may belong to a neighbouring triangle, since rays may miss triangles seen edge-on.
+# This share of the normals may be wrong: rays miss some triangles seen edge-on, and hit their neighbours.
 _NORMALS_SHARE = 0.005
-# Rasterisers round vertices to a grid with steps of 1/256 px at best and 1/16 px at worst: they move vertices by up to
-# half a step. So a pixel this near to an edge may show the surface on the other side.
+# Rasterisers round vertices to steps of 1/256 px at best and 1/16 px at worst, and so move edges by up to half a step.
+# A pixel this near to an edge may show the surface on the other side.
 _EDGE_PX = 1 / 32
 _STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
 _AROUND_X, _AROUND_Y = (steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
-# For each motion: its frame offset, and the channels that are checked against it.
+# For each motion: the number of frames to its target, and the channels that are checked by it.
 _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("flow_backward",))}
-# For each channel, the unit of its largest error in the verdict, and the factor to this unit; the rest are in px.
+# Unit of a channel's largest error in the verdict, and factor to this unit; all other channels have px.
 _UNITS = {"normals": ("deg", degrees(1)), "sky": ("levels", 1.0)}
 
 
 def check_rays(frame: StoredFrame, scenes: RebuiltScenes, pixels: int, verdict: Verdict) -> None:
-    """Compare a pair's truth with rays through random pixels, half of them in each view with a disparity."""
+    """Compare a pair's truth with rays through random pixels, ``pixels`` / 2 in each view that has a disparity."""
     sampled = scenes.sampled(frame)
     if sampled is None:
         verdict.add("oracle", "config and seed of the index give a scene that differs from the pair's provenance")
@@ -49,11 +50,11 @@ def check_rays(frame: StoredFrame, scenes: RebuiltScenes, pixels: int, verdict: 
         if "disparity" in frame.view(eye):
             height, width = frame.view(eye)["disparity"].shape
             row, column = (rng.integers(0, side, -(-pixels // 2)) for side in (height, width))
-            _Rays(frame, eye, sampled.scene, scenes, motions).check(row, column, verdict)
+            _RayCheck(frame, eye, sampled.scene, scenes, motions).check(row, column, verdict)
 
 
-class _Rays:
-    """Casts rays of one eye through a rebuilt scene, and follows the hits to the frames of ``motions``."""
+class _RayCheck:
+    """Compares one view of a pair with rays through its rebuilt scene, and its flow with the ``motions`` of hits."""
 
     def __init__(
         self, frame: StoredFrame, eye: Eye, scene: Scene, scenes: RebuiltScenes, motions: Mapping[str, Motion]
@@ -61,7 +62,7 @@ class _Rays:
         self.frame, self.eye, self.scene, self.models, self.motions = frame, eye, scene, scenes.models, motions
 
     def check(self, row: NDArray[np.int64], column: NDArray[np.int64], verdict: Verdict) -> None:
-        """Compare a view's arrays with rays through R pixels, and record the largest errors of pixels that agree."""
+        """Compare the view with rays through R pixels, and record the largest error of the pixels that agree."""
         view = self.frame.view(self.eye)
         x, y = column.astype(np.float64), row.astype(np.float64)
         rays, border = self.cast(x, y), self.frame.cut_border(self.eye)[row, column]
@@ -72,14 +73,15 @@ class _Rays:
             with np.errstate(invalid="ignore"):
                 # Where both are inf, they agree.
                 differences = np.where(values == rays[name], 0.0, np.abs(values - rays[name]))
-            # The chord of a small angle is the angle in radians; its cosine would round to 1.
+            # The distance of two unit vectors is their small angle in radians; the cosine would round to 1.
             error = np.linalg.norm(differences, axis=1) if name == "normals" else differences.max(axis=1)
-            # Pixels in a lens border may have no value. Points in the next frame's border have no disparity change.
-            in_border = border | (name == "disparity_change" and not self.frame.border_disparity)
-            lacking = in_border & np.isposinf(values).all(axis=1)
-            wrong[name] = ~lacking & ~(error <= bounds[name])
+            # Pixels in a border that the lens leaves may lack a value. Any pixel may lack a disparity change, since its
+            # point may be in the border at the next frame.
+            may_lack = border | (name == "disparity_change" and not self.frame.border_disparity)
+            lacks = may_lack & np.isposinf(values).all(axis=1)
+            wrong[name] = ~lacks & ~(error <= bounds[name])
             unit, scale = _UNITS.get(name, ("px", 1.0))
-            largest = scale * float(error[~wrong[name] & ~lacking].max(initial=0.0))
+            largest = scale * float(error[~wrong[name] & ~lacks].max(initial=0.0))
             measure = f"oracle_{name}_largest_{unit}"
             verdict.measures[measure] = max(largest, verdict.measures.get(measure, 0.0))
         suspect = np.flatnonzero(np.logical_or.reduce(list(wrong.values())))
@@ -88,8 +90,9 @@ class _Rays:
         # A suspect pixel is right if its value lies in the range of the 25 rays around its centre.
         around = self.cast(np.add.outer(x[suspect], _AROUND_X).ravel(), np.add.outer(y[suspect], _AROUND_Y).ravel())
         for name, values in stored.items():
-            beside, bound = around[name].reshape(len(suspect), len(_AROUND_X), -1), bounds[name][suspect, None]
-            low, high = beside.min(axis=1) - bound, beside.max(axis=1) + bound
+            values_around = around[name].reshape(len(suspect), len(_AROUND_X), -1)
+            bound = bounds[name][suspect, None]
+            low, high = values_around.min(axis=1) - bound, values_around.max(axis=1) + bound
             in_range = ((low <= values[suspect]) & (values[suspect] <= high)).all(axis=1)
             wrong[name][suspect] &= ~in_range
             number = int(wrong[name].sum())
@@ -100,10 +103,10 @@ class _Rays:
                 verdict.add("oracle", f"{name}_{self.eye}: {number} of {len(x)} pixels differ from their rays, {where}")
 
     def cast(self, x: Values, y: Values) -> dict[str, Values]:
-        """Return the values of rays through R points (x, y) by channel, (R, C) each: px, unit normals, the sky's mask.
+        """Return each channel's values (R, C) at R points (x, y) by rays: px, unit normals, the sky's mask.
 
-        As in stored arrays, inf means that there is no value: the ray hits nothing, the disparity or the flow is not
-        valid, or the encoding cannot hold it.
+        As in stored arrays, inf means no value: the ray hits nothing, the disparity or the flow is not valid, or the
+        encoding cannot hold it.
         """
         scene, eye, encodings = self.scene, self.eye, self.frame.encodings
         hits = cast_rays(scene, self.models, eye, x, y)
@@ -123,7 +126,7 @@ class _Rays:
         return values
 
     def bounds(self, channel: str, stored: Values) -> Values:
-        """Return the largest errors, (R,) px (normals: radians), that stored values (R, C) of a channel may have."""
+        """Return the largest errors (R,) that stored values (R, C) may have: px, radians for normals, mask levels."""
         bound = np.full(len(stored), _ERRORS.get(channel, _VECTOR_PX))
         if channel == "disparity":
             bound += self.frame.rounding_px(stored[:, 0])

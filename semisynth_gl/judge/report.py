@@ -1,4 +1,4 @@
-"""The report: one HTML page about a dataset and, given pictures of its place, what to change in its config."""
+"""The report: an HTML page about a dataset, also compared with photographs and maps of the place it is made for."""
 
 import json
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.inputs.user_files import Files, names_of
-from semisynth_gl.judge.charts import draw_report
+from semisynth_gl.judge.charts import plot_report
 from semisynth_gl.judge.comparison import MeasuredPair, Row, compare, find_outliers, gather, table
 from semisynth_gl.judge.measured_view import make_view, working_width
 from semisynth_gl.judge.measures import measure_view
@@ -27,7 +27,7 @@ from semisynth_gl.textures.image_files import find_images
 
 # Maximum number of outliers that the page shows, besides evenly spread pairs.
 _SHOWN_OUTLIERS = 3
-# Number of bins in which disparities are counted; with so many, the bins do not affect the distance of distributions.
+# Number of bins in which disparities are counted: so many that they do not affect the distance of distributions.
 _BINS = 1024
 
 
@@ -40,7 +40,7 @@ class Report:
         pairs: the measured pairs.
         width_px: the working width, to which all images and maps were resized.
         disparity: distribution of disparity over all pixels of the left views; None if no pixel has a disparity.
-        rows: the measures of the dataset and, where photographs were given, of the place.
+        rows: each measure of the dataset, compared with the place if photographs were given.
         place: the measures of the place; None without photographs of it.
     """
 
@@ -75,11 +75,10 @@ def report(
 
     Args:
         dataset: a folder, or an address that fsspec knows.
-        images: photographs of the place for which the dataset is made, to compare them: files, folders or globs.
+        images: photographs of the place where the network will work: files, folders or globs.
         disparity: disparity maps of the place: .pfm, .npy and 16-bit .png files, folders or globs.
         png_scale: levels of a 16-bit PNG map per pixel of disparity.
-        pairs: number of pairs to show, evenly spread. The page shows up to three outliers in addition; with 0, it
-            shows no pairs.
+        pairs: number of pairs to show, evenly spread. The page also shows up to three outliers, unless this is 0.
         sample: number of pairs to measure, evenly spread; at least ``pairs`` are measured.
         listener: is called with the number of pairs to measure, and with each measured pair.
 
@@ -111,7 +110,7 @@ def report(
         width_px=width_px,
         facts=_facts(opened, target, achieved),
         config=json.dumps(config.model_dump(mode="json"), indent=1),
-        chart=draw_report(achieved, target, rows),
+        chart=plot_report(achieved, target, rows),
         place=place,
         table=table(rows),
         outliers=outliers,
@@ -128,7 +127,10 @@ def report(
 def _measure(
     dataset: Dataset, positions: Sequence[int], width_px: int, target: Histogram, listener: Listener | None
 ) -> tuple[list[MeasuredPair], Histogram | None]:
-    """Read pairs, measure their left views, and count these views' disparities in bins that refine the target's."""
+    """Read pairs, measure their left views, and return the distribution of the left disparities over all pairs.
+
+    Its bins divide those of the ``target``, so that both can be compared exactly.
+    """
     listener = listener or Listener()
     listener.on_total(len(positions))
     pairs, plan, first = [], dataset.index.plan, dataset[positions[0]].camera
@@ -147,7 +149,7 @@ def _measure(
 
 
 def _facts(dataset: Dataset, target: Histogram, achieved: Histogram | None) -> dict[str, str]:
-    """Return facts by name: how a dataset was made, and how far its disparities are from the target."""
+    """Return how a dataset was made, and the distance of its disparities from the target, as texts by name."""
     plan, made = dataset.index.plan, dataset.index.finished_index
     codecs = f"images {plan.encodings.image.description}, disparities {plan.encodings.disparity.description}"
     facts = {

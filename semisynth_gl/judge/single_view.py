@@ -1,4 +1,4 @@
-"""Checks the channels of one view, without the other view, and the pair's calibration."""
+"""Checks the channels of one view against each other, and the pair's calibration."""
 
 from math import inf, isclose, isfinite
 
@@ -9,22 +9,21 @@ from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.judge.findings import Verdict
-from semisynth_gl.judge.lens import find_borders
+from semisynth_gl.judge.lens import hidden_by_borders
 
 Where = NDArray[np.bool_]
 
-# Bounds, which docs/verify.md lists. Rounding, as a share of a value: of depth, by float32; of vmin and vmax in
-# calib.txt, which have six digits.
-_DEPTH_SHARE, _TEXT_SHARE = 1e-6, 1e-5
-_VECTOR_PX, _CHANGED_PX = 1e-3, 0.01
-_UNIT_LENGTH = 1e-5
+# Bounds, which docs/verify.md lists. The rounding of float32, and of the six digits of vmin and vmax in calib.txt, as
+# shares of a value.
+_FLOAT32_SHARE, _TEXT_SHARE = 1e-6, 1e-5
+# Bounds of errors of correspondences, of disparities plus their change, and of the lengths of normals.
+_VECTOR_PX, _CHANGED_PX, _UNIT_LENGTH = 1e-3, 0.01, 1e-5
 # A pixel beside an edge may show a surface that its ray meets from behind. Rasterisers move vertices by up to 1/32 px
 # along each axis (see rays.py); this is twice as much, an upper bound of the ray's error.
 _EDGE_PX = 1 / 16
-# Where a surface leaves the valid range, its disparity falls to 0, and the last valid pixel has at most this disparity.
+# On a surface whose disparity falls below 0, the last valid pixel has at most this disparity.
 _LAST_VALID_PX = 2.0
-# The valid values of masks.
-_VALUES = {
+_MASK_VALUES = {
     **dict.fromkeys(("visibility", "flow_visibility", "flow_backward_visibility"), (OUTSIDE, OCCLUDED, VISIBLE)),
     "valid": (OUTSIDE, VISIBLE),
     "sky": (0, SKY),
@@ -34,9 +33,9 @@ _VALUES = {
 def check_view(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
     """Check the arrays of a view; ``largest_px`` is the config's maximum disparity."""
     for name, array in frame.view(eye).items():
-        if name in _VALUES:
-            fault = f"is not one of {', '.join(map(str, _VALUES[name]))}"
-            verdict.add_pixels(name, eye, fault, ~np.isin(array, _VALUES[name]))
+        if name in _MASK_VALUES:
+            fault = f"is not one of {', '.join(map(str, _MASK_VALUES[name]))}"
+            verdict.add_pixels(name, eye, fault, ~np.isin(array, _MASK_VALUES[name]))
         elif CHANNELS[name].fill == inf:
             values = array.reshape(*array.shape[:2], -1)
             infinite = np.isposinf(values)
@@ -51,11 +50,10 @@ def check_view(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict
 
 
 def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
-    """Check a view's disparity.
+    """Check that a view's disparity is in its range, and that no pixel lacks one without a reason.
 
-    It must be at most ``largest_px``, and positive or, if signed, at least that of infinity. Every pixel has a depth,
-    since the background fills the view. So an unsigned disparity d = f B / Z - doffs is inf only on far surfaces if
-    doffs is positive, in the sky, in borders, and beyond the encoding's range.
+    A disparity d = f B / Z - doffs is at most ``largest_px``. It is positive or, if signed, at least -doffs. The
+    background fills the view, so a pixel lacks d only in a border, beyond the encoding or, if unsigned, at d <= 0.
     """
     disparity, camera = frame.view(eye)["disparity"], frame.camera
     finite, error_px = np.isfinite(disparity), frame.encodings.disparity.error_px
@@ -66,23 +64,23 @@ def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: V
         verdict.add_pixels("disparity", eye, "is below that of infinity", finite & (disparity < least_px))
     too_large = finite & (disparity > largest_px * (1 + _TEXT_SHARE) + error_px)
     verdict.add_pixels("disparity", eye, f"is above {largest_px} px", too_large)
-    left_out = frame.cut_border(eye)
-    verdict.add_pixels("disparity", eye, "is known in a border", finite & left_out)
-    sky_has_one = frame.encodings.signed or (camera.doffs_px < 0 and camera.rectified)
-    sky = np.zeros_like(finite) if sky_has_one else frame.sky(eye)
+    border = frame.cut_border(eye)
+    verdict.add_pixels("disparity", eye, "is known in a border", finite & border)
+    sky_is_valid = frame.encodings.signed or (camera.doffs_px < 0 and camera.rectified)
+    sky = np.zeros_like(finite) if sky_is_valid else frame.sky(eye)
     if sky is None:
         return  # no output says where the sky is
-    lacking = np.isposinf(disparity) & ~left_out & ~sky
-    if not _check_beyond(frame, "disparity", eye, lacking, verdict, at_most=_always_valid(frame)):
+    lacking = np.isposinf(disparity) & ~border & ~sky
+    if not _check_beyond(frame, "disparity", eye, lacking, verdict, exact=_always_valid(frame)):
         _check_lacking(frame, "disparity", eye, lacking, disparity, verdict)
 
 
 def _check_lacking(
     frame: StoredFrame, channel: str, eye: Eye, lacking: Where, disparity: NDArray[np.floating], verdict: Verdict
 ) -> None:
-    """Check that ``lacking`` pixels lie beside small disparities, since a surface leaves the valid range at 0.
+    """Check that pixels which lack a value lie beside small disparities, since their surface falls below 0 there.
 
-    If a view has no value at all, there must be no lacking pixels.
+    Not all pixels of a view may lack a value.
     """
     padded = np.pad(lacking, 1)
     beside = padded[2:, 1:-1] | padded[:-2, 1:-1] | padded[1:-1, 2:] | padded[1:-1, :-2]
@@ -93,31 +91,31 @@ def _check_lacking(
 
 
 def _always_valid(frame: StoredFrame) -> bool:
-    """Return whether every surface except the sky has a valid disparity, by the rig and the encoding."""
+    """Return whether all surfaces except the sky have a valid disparity, whatever their depth."""
     return frame.encodings.signed or (frame.camera.doffs_px <= 0 and frame.camera.rectified)
 
 
 def _check_beyond(
-    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict, *, at_most: bool = False
+    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict, *, exact: bool = False
 ) -> int:
-    """Return the number of values beyond the encoding's range, from the provenance.
+    """Return the number of values beyond the encoding's range that the provenance records.
 
-    At least as many pixels must be ``lacking``. With ``at_most``, there must not be more, unless the number is 0.
+    Unless it is 0, check that at least so many pixels (``exact``: just so many) lack a value.
     """
     counts = frame.provenance.get(CHANNELS[channel].beyond_key)
-    codec = frame.encodings.codec(CHANNELS[channel])
-    count = counts.get(eye) if isinstance(counts, dict) and isfinite(codec.limit_px) else 0
+    limited = isfinite(frame.encodings.codec(CHANNELS[channel]).limit_px)
+    count = counts.get(eye) if isinstance(counts, dict) and limited else 0
     beyond, found = count if isinstance(count, int) else 0, int(lacking.sum())
-    if found < beyond or (at_most and 0 < beyond < found):
+    if beyond and (found != beyond if exact else found < beyond):
         fault = f"is inf in {found} pixels, the provenance counts {beyond} beyond the encoding"
         verdict.add(channel, f"{channel}_{eye} {fault}")
     return beyond
 
 
 def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check depth and correspondences by the disparity that they lead to, and normals.
+    """Check that depth and correspondences agree with the disparity, and check normals.
 
-    Normals must be unit vectors towards the eye, or 0 where no other channel has a surface.
+    Normals must be unit vectors that face the eye, or 0 where no other channel has a surface.
     """
     view, camera = frame.view(eye), frame.camera
     disparity, rounding_px = view["disparity"], frame.rounding_px(view["disparity"])
@@ -125,16 +123,16 @@ def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     if "depth" in view:
         depth = view.depth.astype(np.float64)
         expected = camera.correspondence(eye, column, row, depth)[..., 0] * (-1 if eye == "left" else 1)
-        bound = _DEPTH_SHARE * (np.abs(expected) + 2 * abs(camera.doffs_px)) + rounding_px
+        bound = _FLOAT32_SHARE * (np.abs(expected) + 2 * abs(camera.doffs_px)) + rounding_px
         bound += 0.0 if camera.rectified else _VECTOR_PX
         encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.cut_border(eye)
         missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
         wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
-        verdict.add_pixels("depth", eye, "is not that of the disparity", wrong)
+        verdict.add_pixels("depth", eye, "disagrees with the disparity", wrong)
     if "correspondence" in view:
         near = np.abs(view.correspondence - frame.correspondences(eye)) <= (_VECTOR_PX + rounding_px)[..., None]
         wrong = np.isfinite(disparity) & ~near.all(axis=2)
-        verdict.add_pixels("correspondence", eye, "is not that of the disparity", wrong)
+        verdict.add_pixels("correspondence", eye, "disagrees with the disparity", wrong)
     if "normals" in view:
         normals = view.normals.astype(np.float64)
         seen = np.isfinite(disparity) | np.isfinite(view.get("depth", inf)) | (view.get("instances", np.uint16(0)) > 0)
@@ -147,9 +145,9 @@ def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 
 
 def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check that instance ids are row numbers, from 1, of ``instances`` in pair.json, and 0 only without a disparity.
+    """Check that an id is the number of a row, from 1, of ``instances`` in pair.json; 0 needs a lacking disparity.
 
-    The sky's mask must agree with the instances. The sky's depth must be inf.
+    The sky's mask must agree with the instances, and the sky's depth must be inf.
     """
     view, rows, sky = frame.view(eye), frame.provenance.get("instances"), frame.sky_of_instances(eye)
     if "instances" in view:
@@ -158,15 +156,15 @@ def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         none = (view.instances == 0) & np.isfinite(view["disparity"])
         verdict.add_pixels("instances", eye, "is 0 despite a disparity", none)
     if "sky" in view and sky is not None:
-        verdict.add_pixels("sky", eye, "is not that of the instances", (view.sky == SKY) != sky)
+        verdict.add_pixels("sky", eye, "disagrees with the instances", (view.sky == SKY) != sky)
     if "sky" in view and "depth" in view:
         verdict.add_pixels("sky", eye, "has a finite depth", (view.sky == SKY) & np.isfinite(view.depth))
 
 
 def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
-    """Check in which pixels a view has flow and a change of disparity, and the disparities to which the change leads.
+    """Check where a view has flow and ``disparity_change``, and that the disparity at the next frame is possible.
 
-    The change must be finite exactly where disparity and flow are finite, except in the borders of a lens.
+    ``disparity_change`` must be finite where disparity and flow are finite, and nowhere else, except in borders.
     """
     view = frame.view(eye)
     beyond = {
@@ -190,7 +188,7 @@ def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verd
         verdict.add_pixels("disparity_change", eye, "is finite without flow", known & ~flows)
     missing = np.isfinite(disparity) & flows & np.isposinf(change)
     if not frame.border_disparity:
-        lost, perhaps_lost = find_borders(frame, eye, "flow", view.flow, frame.encodings.flow.error_px)
+        lost, perhaps_lost = hidden_by_borders(frame, eye, "flow", view.flow, frame.encodings.flow.error_px)
         hidden = "is finite though a border hides the point at a frame"
         verdict.add_pixels("disparity_change", eye, hidden, known & lost)
         missing &= ~perhaps_lost
@@ -201,7 +199,7 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
     """Compare the camera with the pair's provenance, and calib.txt, if there is one, with the left disparity."""
     recorded, camera, calibration = frame.provenance.get("camera"), frame.camera, frame.calibration
     recorded = recorded if isinstance(recorded, dict) else {}
-    # Both omit a ratio of 1. doffs is compared below, and calib.txt has no deviation.
+    # Files omit fy_over_fx if it is 1. doffs is compared below, and calib.txt has no deviation.
     for key, value in ({"fy_over_fx": 1.0} | camera.values()).items():
         expected = ({"fy_over_fx": 1.0} | recorded).get(key)
         if key in ("doffs_px", "deviation"):

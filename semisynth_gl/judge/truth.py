@@ -1,4 +1,4 @@
-"""Finds the pairs of a set with their true disparities, and the files with predictions for the pairs."""
+"""Finds the true disparities of a dataset or a benchmark, and the files with predictions for its pairs."""
 
 import re
 from collections import Counter
@@ -25,18 +25,18 @@ from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.protocol import ProtocolName, Truth
 from semisynth_gl.seeds.splits import SplitName
 
-# File names of the truth in scenes' folders. The first name that is found in a set is used for all its scenes.
+# Names of the true map in scenes' folders. The first name that a benchmark's folder has is used for all its scenes.
 _SCENE_TRUTHS = ("disp0GT.pfm", "disp0.pfm")
 _OCC = "disp_occ_0"
+# The protocol for the layouts of a benchmark; for other layouts, Middlebury's.
 _PROTOCOLS: dict[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
 _LARGEST_CALIB = 1 << 16
 
 
 class PairTruth(NamedTuple):
-    """The truth of a pair, which is read on demand.
+    """The truth of a pair: the pair's unique ``name``, the ``source`` file, and ``read``, which may raise ReadError.
 
-    ``name`` is unique in the set, and ``source`` is the truth's file. A prediction may have any of the ``keys`` as its
-    name, see `find_predictions`. ``read()`` reads the truth; it raises ReadError if a file cannot be read.
+    A prediction for the pair may have any of the ``keys`` as its name, see `find_predictions`.
     """
 
     name: str
@@ -46,7 +46,7 @@ class PairTruth(NamedTuple):
 
 
 class TruthSet(NamedTuple):
-    """The truths of a set's pairs, the benchmark whose layout the set has, and levels per px of 16-bit predictions."""
+    """The truths of several pairs, the default protocol, and the levels per px of predictions in 16-bit PNG."""
 
     pairs: Sequence[PairTruth]
     protocol: ProtocolName = "middlebury"
@@ -54,16 +54,12 @@ class TruthSet(NamedTuple):
 
 
 def find_truth(address: str, split: SplitName | None = None) -> TruthSet:
-    """Find the true disparities of a set.
+    """Find the true disparities of a dataset or a benchmark.
 
-    Args:
-        address: a dataset of this program, in any layout, in a folder or at an address that fsspec knows; KITTI 2015's
-            ``training`` folder or its parent; a folder with a disp0GT.pfm (or disp0.pfm) in each scene's subfolder, as
-            in Middlebury and ETH3D; or a folder with a disparity map for each pair.
-        split: a split of a dataset of this program; None for all pairs.
-
-    Raises:
-        InputError: where there is no such set or split, or names are not unique.
+    The ``address`` is a dataset of this program, in any layout, in a folder or at an address that fsspec knows; KITTI
+    2015's ``training`` folder or its parent; a folder with a disp0GT.pfm (or disp0.pfm) in each scene's subfolder, as
+    in Middlebury and ETH3D; or a folder with a disparity map for each pair. Only a dataset of this program can have a
+    ``split``. Raises InputError without true disparities or without the split, and if pairs' names are not unique.
     """
     folder = expanded(address)
     if "://" in address or (folder / INDEX).is_file() or (folder / PLAN).is_file():
@@ -86,22 +82,22 @@ def find_truth(address: str, split: SplitName | None = None) -> TruthSet:
 def find_predictions(folder: Path, pairs: Sequence[PairTruth]) -> list[Path]:
     """Return the file of the prediction for each pair.
 
-    A prediction's path in the folder is one of the pair's keys (the first for which a file exists), with the extension
-    .pfm, .npy or .png (16-bit grey: networks write other pictures beside their results). In a folder named like the
-    pair, it may also be named ``disp0<METHOD>``, as Middlebury asks for; a truth in this folder is then ignored.
+    A prediction's path in the folder is one of the pair's keys, with the extension .pfm, .npy or .png (16-bit grey). If
+    files have several of the keys, the first key is used. Instead of ``KEY.pfm``, the path may also be
+    ``KEY/disp0<METHOD>.pfm``, as Middlebury asks for; a true map in that folder is ignored.
 
     Raises:
         InputError: where the folder does not exist, or a pair has several predictions or none.
-        ReadError: where a pair has only a picture of another kind.
+        ReadError: where the only file for a pair is a PNG that is not 16-bit grey.
     """
     files: dict[str, list[Path]] = {}
     for path in disparity_maps(folder, "predictions"):
         files.setdefault(_keys(path.relative_to(folder))[0], []).append(path)
     # A key that several pairs share identifies none of them.
-    owners = Counter(key for pair in pairs for key in set(pair.keys))
+    pairs_with = Counter(key for pair in pairs for key in set(pair.keys))
     found, missing = list[Path](), list[str]()
     for pair in pairs:
-        paths = next((files[key] for key in pair.keys if key in files and owners[key] == 1), [])
+        paths = next((files[key] for key in pair.keys if key in files and pairs_with[key] == 1), [])
         paths = [path for path in paths if path.name not in _SCENE_TRUTHS] or paths
         if len(paths) > 1:
             names = abbreviate([path.name for path in paths])
@@ -109,15 +105,15 @@ def find_predictions(folder: Path, pairs: Sequence[PairTruth]) -> list[Path]:
         found += paths
         missing += [] if paths else [pair.name]
     if missing:
-        there = [path for path in _files(folder, "*.*") if path.suffix.lower() in MAP_EXTENSIONS]
+        candidates = [path for path in _files(folder, "*.*") if path.suffix.lower() in MAP_EXTENSIONS]
         keys = {key for pair in pairs if pair.name in missing for key in pair.keys}
-        for path in there:
+        for path in candidates:
             if _keys(path.relative_to(folder))[0] in keys and not is_disparity_map(path):
-                GREY16.read(path)  # says what the picture is instead
-        spare = next((f"; {path.relative_to(folder)} fits no pair" for path in there if path not in found), "")
+                GREY16.read(path)  # raises ReadError, which says what the PNG is instead
+        spare = (f"; {path.relative_to(folder)} has no pair's name" for path in candidates if path not in found)
         raise InputError(
             f"{folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {abbreviate(missing)}: "
-            f"expected {missing[0]}.pfm, .npy or 16-bit .png{spare}",
+            f"expected {missing[0]}.pfm, .npy or 16-bit .png{next(spare, '')}",
             argument="predictions",
         )
     return found
@@ -143,22 +139,22 @@ def _files(folder: Path, pattern: str) -> list[Path]:
 def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TruthSet:
     root, plan = dataset.index.root, dataset.index.plan
     pairs = []
-    for place in range(len(dataset)):
-        split, number = dataset.pair(place)
-        scene, path = plan.key(split, number).name, plan.files(split, number)["disparity_left"]
-        name = scene if only_split or len(plan.pairs) == 1 else f"{split}/{scene}"
-        keys = [f"{split}/{scene}", scene, *_keys(PurePosixPath(path))]
-        pairs.append(PairTruth(name, str(shown_path(root, path)), keys, partial(_read_pair, dataset, place)))
+    for position in range(len(dataset)):
+        split, number = dataset.pair(position)
+        plain, path = plan.key(split, number).name, plan.files(split, number)["disparity_left"]
+        name = plain if only_split or len(plan.pairs) == 1 else f"{split}/{plain}"
+        keys = [f"{split}/{plain}", plain, *_keys(PurePosixPath(path))]
+        pairs.append(PairTruth(name, str(shown_path(root, path)), keys, partial(_read_pair, dataset, position)))
     codec = plan.encodings.disparity
     png_scale = codec.steps if isinstance(codec, DisparityPng16) else KITTI_DISPARITY.steps
     return TruthSet(pairs, _PROTOCOLS.get(plan.layout_name, "middlebury"), png_scale)
 
 
-def _read_pair(dataset: Dataset, place: int) -> Truth:
-    index, left = dataset.index, dataset[place].left
+def _read_pair(dataset: Dataset, position: int) -> Truth:
+    index, left = dataset.index, dataset[position].left
     visibility = left.get("visibility")
     # A frame has no array for KITTI's map of objects.
-    name = index.plan.files(*dataset.pair(place)).get("objects")
+    name = index.plan.files(*dataset.pair(position)).get("objects")
     objects = None if name is None else GREY8.decode(read_whole(index.root, name), shown_path(index.root, name))
     visible = None if visibility is None else visibility == VISIBLE
     ndisp = max(1, ceil(index.plan.config.disparity.max_px))
@@ -168,7 +164,7 @@ def _read_pair(dataset: Dataset, place: int) -> Truth:
 def _folder_truth(folder: Path) -> TruthSet:
     def pairs(paths: Sequence[Path], read: Callable[[Path], Truth]) -> list[PairTruth]:
         keys = [_keys(path.absolute()) for path in paths]
-        return [PairTruth(own[-1], str(path), own, partial(read, path)) for path, own in zip(paths, keys, strict=True)]
+        return [PairTruth(of[-1], str(path), of, partial(read, path)) for path, of in zip(paths, keys, strict=True)]
 
     for root in (folder, folder / "training"):
         if paths := sorted((root / _OCC).glob("*.png")):
@@ -200,10 +196,9 @@ def _read_scene(path: Path) -> Truth:
 
 
 def read_limits(path: Path) -> dict[str, Any]:
-    """Read a truth's ``ndisp`` and ``isint`` from a calib.txt of Middlebury or ETH3D; either may be missing.
+    """Read ``ndisp`` and ``isint`` of a `Truth` from a calib.txt of Middlebury or ETH3D; either may be missing.
 
-    Raises:
-        ReadError: where the file cannot be read, or a value is not a whole number of at most six digits.
+    Raises ReadError if the file cannot be read, or a value is not a whole number of at most six digits.
     """
     values = calib_values(read_bytes(path, _LARGEST_CALIB).decode("utf-8", "replace"))
     for key in ("ndisp", "isint"):
@@ -214,10 +209,11 @@ def read_limits(path: Path) -> dict[str, Any]:
 
 
 def _keys(path: PurePath) -> list[str]:
-    """Return a map's path without extension, then the same without the first folder, and so on.
+    """Return the keys of a map: a/b/c.pfm has a/b/c, b/c and c.
 
-    A map named disp0... has the path of its folder instead. The ending .disp before the extension is dropped.
+    A map a/b/disp0<METHOD>.pfm has a/b and b, but disp0001 is a number. The ending .disp of c.disp.pfm is dropped.
     """
-    path = path.parent if path.name.startswith("disp0") else path.with_suffix("")
+    named_by_folder = path.stem.startswith("disp0") and not re.fullmatch(r"disp\d{2,}", path.stem)
+    path = path.parent if named_by_folder else path.with_suffix("")
     parts = str(path.as_posix()).removesuffix(".disp").split("/")
     return ["/".join(parts[first:]) for first in range(len(parts))]

@@ -1,4 +1,4 @@
-"""Reads a dataset back, using only its files, and reports its faults."""
+"""Reads a dataset's files back, and reports their faults."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.files import check_index, check_shard, read_pair
-from semisynth_gl.judge.findings import DATASET, Finding, Verdict
+from semisynth_gl.judge.findings import Finding, Verdict
 from semisynth_gl.judge.lens import check_lens
 from semisynth_gl.judge.matching import check_frames, check_masks, check_views
 from semisynth_gl.judge.rays import check_rays
@@ -26,10 +26,10 @@ from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.seeds import spread
 from semisynth_gl.seeds.splits import SplitName
 
-RAYED_PAIRS = 4
+PAIRS_WITH_RAYS = 4
 """Default number of pairs that are compared with rays."""
-# Checks whose findings are about files that `generate` can make again.
-_REMADE = {"index", "shard", "files", "sha256", "size"}
+# Checks whose findings are about missing or changed files, which `generate` can make again.
+_OF_FILES = {"index", "shard", "files", "sha256", "size"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,8 @@ class Verification:
         pairs: number of pairs of the dataset.
         verdicts: the verdict on the dataset as a whole, and then one for each pair.
         no_rays: why `verify` could not cast rays; None if it cast rays, or the caller asked for none.
-        remove: the index, and records of shards: without them, `generate` makes missing and changed files again.
+        remove: names of files, the index and records of shards; if the user removes them, `generate` makes missing and
+            changed files again.
     """
 
     pairs: int
@@ -54,7 +55,7 @@ class Verification:
         return [finding for verdict in self.verdicts for finding in verdict.findings]
 
     def values(self) -> dict[str, Any]:
-        """Return the content of ``verify --json``: ``pairs``, ``findings``, ``remove``, and ``measures`` by scene."""
+        """Return the content of ``verify --json``: ``pairs``, ``findings``, ``remove``, and ``measures`` by pair."""
         return {
             "pairs": self.pairs,
             "findings": [asdict(finding) for finding in self.findings],
@@ -81,7 +82,7 @@ def verify(
             none if the scenes cannot be rebuilt.
         pixels: number of rays of each of these pairs, half of them in each view.
         listener: is called with the number of pairs, and with each checked pair.
-        on_finding: is called with each fault as soon as it is found.
+        on_finding: is called with each fault, when the checks of its pair are finished.
 
     Raises:
         InputError: where there is no finished dataset, or rays are asked for and its scenes cannot be rebuilt.
@@ -92,18 +93,26 @@ def verify(
     made = index.finished_index
     if made is None:
         raise InputError(f"{index.address}: {index.fault}")
-    rayed, scenes, no_rays = _scenes_for_rays(index, made, rays)
-    verdicts, recent = [Verdict(DATASET)], deque[StoredFrame | None](maxlen=made.views)
-    check_index(index, verdicts[0])
-    remove = [INDEX for finding in verdicts[0].findings if finding.check in _REMADE]
-    for finding in verdicts[0].findings:
-        on_finding(finding)
+    pairs_with_rays, scenes, no_rays = _scenes_for_rays(index, made, rays)
+    verdicts, remove = list[Verdict](), dict[str, None]()
+
+    def finish(verdict: Verdict, record: str) -> None:
+        verdicts.append(verdict)
+        for finding in verdict.findings:
+            on_finding(finding)
+            if finding.check in _OF_FILES:
+                remove[record] = None
+
+    verdict = Verdict("dataset")
+    check_index(index, verdict)
+    finish(verdict, INDEX)
     listener.on_total(sum(made.pairs.values()))
+    recent = deque[StoredFrame | None](maxlen=made.views)
     for shard, entry in zip(made.shards, made.shard_entries, strict=True):
         record = None
         for number in range(shard.first, shard.end):
-            scene = made.key(shard.split, number).name
-            verdict = Verdict(scene if len(made.pairs) == 1 else f"{shard.split} {scene}")
+            name = made.key(shard.split, number).name
+            verdict = Verdict(name if len(made.pairs) == 1 else f"{shard.split} {name}")
             if number == shard.first:
                 record = check_shard(index, shard, entry, verdict)
             frame = read_pair(index, shard, record, number, verdict)
@@ -111,47 +120,42 @@ def verify(
                 is_next = number // made.views % made.config.sequence.length > 0 and len(recent) == made.views
                 # With V views per scene, the same view of the previous frame is V pairs back: the oldest of `recent`.
                 _check_frame(frame, recent[0] if is_next else None, index, verdict)
-                if len(verdicts) - 1 in rayed:
+                if len(verdicts) - 1 in pairs_with_rays:
                     check_rays(frame, scenes[shard.split], pixels, verdict)
             recent.append(frame)
-            verdicts.append(verdict)
-            remove += [shard.record for finding in verdict.findings if finding.check in _REMADE]
-            for finding in verdict.findings:
-                on_finding(finding)
+            finish(verdict, shard.record)
             listener.on_pair()
-    return Verification(len(verdicts) - 1, verdicts, no_rays, [*dict.fromkeys(remove)])
+    return Verification(len(verdicts) - 1, verdicts, no_rays, list(remove))
 
 
 def _scenes_for_rays(
     index: StoredIndex, made: DatasetIndex, rays: int | None
 ) -> tuple[frozenset[int], dict[SplitName, RebuiltScenes], str | None]:
-    """Return the positions of the pairs to compare with rays, each split's scenes, and why no pair is compared."""
+    """Return the positions of the pairs to compare with rays, each split's scenes, and why no rays can be cast."""
     if rays is None and made.version != metadata.version("semisynth-gl"):
-        # Another version may sample other scenes.
+        # A different version may sample different scenes.
         return frozenset(), {}, f"version {made.version} made the dataset"
-    count = RAYED_PAIRS if rays is None else to_whole("rays", rays, least=0)
-    rayed = frozenset(spread(sum(made.pairs.values()), count))
+    count = PAIRS_WITH_RAYS if rays is None else to_whole("rays", rays, least=0)
+    positions = frozenset(spread(sum(made.pairs.values()), count))
     try:
-        return rayed, {split: RebuiltScenes(index, split) for split in made.pairs if rayed}, None
+        return positions, {split: RebuiltScenes(index, split) for split in made.pairs if positions}, None
     except InputError as error:
         if rays is not None:
             raise
         return frozenset(), {}, str(error)
 
 
-# Arrays have inf or NaN where nothing is known. Checks ignore what is computed from such values.
+# Arrays have inf or NaN where nothing is known; computing with them is no fault.
 @np.errstate(invalid="ignore", divide="ignore")
 def _check_frame(frame: StoredFrame, before: StoredFrame | None, index: StoredIndex, verdict: Verdict) -> None:
-    """Check a pair, and compare it with the same view's pair one frame earlier, if there is one."""
+    """Check a pair, and compare it with the pair of the previous frame of its sequence, if there is one."""
     check_calibration(frame, verdict)
     for eye in EYES:
         check_view(frame, eye, index.plan.config.disparity.max_px, verdict)
         check_masks(frame, eye, verdict)
         check_lens(frame, eye, verdict)
-    # Imperfections make the images of both views differ, as those of real rigs do.
-    imperfect, lossless = not index.plan.config.images_as_rendered, frame.encodings.image.lossless
-    check_views(frame, verdict, imperfect=imperfect or not lossless)
+    imperfect = not (index.plan.config.images_as_rendered and frame.encodings.image.lossless)
+    check_views(frame, verdict, imperfect=imperfect)
     if before is not None:
-        # A surface point has the same colour in all frames, unless textures or imperfections change it.
-        changing = imperfect or index.plan.config.textures.sequence
-        check_frames(before, frame, verdict, images=not changing and lossless)
+        # Textures from image sequences and imperfections change the colour of a surface from frame to frame.
+        check_frames(before, frame, verdict, images=not (imperfect or index.plan.config.textures.sequence))

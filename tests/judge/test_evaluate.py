@@ -205,13 +205,13 @@ def test_eth3d_is_known_by_its_folder(tmp_path):
 
 
 def test_a_folder_of_maps_is_truth_too(tmp_path):
-    save(tmp_path / "gt" / "a.png", ramp())
-    save(tmp_path / "gt" / "b.npy", ramp())
-    Image.new("RGB", SHAPE[::-1]).save(tmp_path / "gt" / "b.png")  # a picture beside it
-    for name in "ab":
+    save(tmp_path / "gt" / "disp0001.png", ramp())
+    save(tmp_path / "gt" / "disp0002.npy", ramp())
+    Image.new("RGB", SHAPE[::-1]).save(tmp_path / "gt" / "disp0002.png")  # a picture beside it
+    for name in ("disp0001", "disp0002"):
         save(tmp_path / "pred" / f"{name}.pfm", ramp() + 3)
     found = evaluate(tmp_path / "pred", tmp_path / "gt", "kitti")
-    assert [each["name"] for each in found["images"]] == ["a", "b"]
+    assert [each["name"] for each in found["images"]] == ["disp0001", "disp0002"]
     assert found["mean"]["all"]["avgerr"] == pytest.approx(3, abs=1 / 256)
 
 
@@ -304,7 +304,7 @@ def test_views_that_cannot_be_compared_are_refused():
     with pytest.raises(InputError, match="the left view has 60 x 6, the right one 59 x 6"):
         unconfirmed(left, right[:, 1:])
     for nowhere in (INF, np.float32(60)):
-        with pytest.raises(InputError, match="no disparity leads into the right image"):
+        with pytest.raises(InputError, match="no left disparity points into the right image"):
             unconfirmed(np.full_like(left, nowhere), right)
 
 
@@ -319,7 +319,7 @@ def test_both_views_are_judged_by_the_command(program, tmp_path):
     assert rows == [["unconfirmed"], ["b/c", "10.71"], ["a", "0"], ["all", "pairs", "5.357"]]
     assert json.loads((tmp_path / "out.json").read_text()) == evaluate_views(left, right)
     (right / "a.npy").rename(right / "d.npy")
-    with pytest.raises(InputError, match="same names in both folders; in one are a, d"):
+    with pytest.raises(InputError, match="only one folder has a, d"):
         evaluate_views(left, right)
 
 

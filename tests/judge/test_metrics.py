@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from semisynth_gl.judge import PROTOCOLS
-from semisynth_gl.judge.evaluate import draw_error_map
-from semisynth_gl.judge.protocol import PROTOCOL_NAMES, Truth
+from semisynth_gl.judge.evaluate import paint_error_map
+from semisynth_gl.judge.protocol import Truth
 from semisynth_gl.judge.score import figures, mean_figures, score, tally
 
 INF, NAN = math.inf, math.nan
@@ -64,7 +64,7 @@ def test_middlebury_scales_half_and_quarter_sizes(scale):
     assert clipped["avgerr"] == largest
 
 
-@pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
+@pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_an_empty_mask_has_no_figures(protocol):
     truth = f32([[1.0, 2.0]])
     assert all(map(math.isnan, score(truth, truth, protocol, mask=np.zeros((1, 2), bool)).values()))
@@ -178,7 +178,7 @@ def naive(prediction, truth, mask, protocol, ndisp, isint):
 
 
 @pytest.mark.parametrize("seed", range(100))
-@pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
+@pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_scores_are_those_of_the_loops(protocol, seed):
     prediction, truth, mask, ndisp, isint = random_case(seed)
@@ -189,7 +189,7 @@ def test_scores_are_those_of_the_loops(protocol, seed):
     errors = sorted(float(e) for e, _, _ in scored)
     # Under Middlebury's protocol pixels without a score are bad too.
     unscored = judged - len(scored) if protocol == "middlebury" else 0
-    expected = {"judged": judged, "estimated": estimated, "scored": len(scored), "rated": len(scored) + unscored}
+    expected = {"judged": judged, "estimated": estimated, "scored": len(scored)}
     expected |= {f"bad-{t:g}": sum(e > t for e in errors) + unscored for t in (0.5, 1.0, 2.0, 4.0)}
     expected |= {"outliers": sum(out for out, _ in outliers) + unscored}
     expected |= {"outliers_estimated": sum(map(all, outliers))}
@@ -206,7 +206,7 @@ def test_scores_are_those_of_the_loops(protocol, seed):
 
 
 def error_map(prediction, truth, protocol="kitti", visible=None):
-    return draw_error_map(PROTOCOLS[protocol].compare(f32(prediction), Truth(truth, visible)))
+    return paint_error_map(PROTOCOLS[protocol].compare(f32(prediction), Truth(truth, visible)))
 
 
 def test_colours_follow_the_error_and_occlusion_darkens():

@@ -13,7 +13,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config, load_config
-from semisynth_gl.judge.comparison import FEWEST, compare, gather, summary
+from semisynth_gl.judge.comparison import MIN_PICTURES, compare, gather, summary
 from semisynth_gl.judge.interpolation import fill_holes
 from semisynth_gl.judge.measured_view import make_view, mean_luminance
 from semisynth_gl.judge.measures import (
@@ -69,7 +69,7 @@ def test_a_card_hides_as_many_columns_as_its_disparity_exceeds_the_wall(front, b
     np.testing.assert_array_equal(hidden(disparity), expected)
     # Where nothing is known, nothing is hidden; shares are of what is known.
     disparity[:, 100:] = np.nan
-    assert occluded(disparity, disparity) == pytest.approx(100 * expected.sum() / 2000)
+    assert occluded(disparity) == pytest.approx(100 * expected.sum() / 2000)
 
 
 def test_detail_of_noise_of_one_octave():
@@ -173,7 +173,7 @@ def dataset(tmp_path_factory):
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("photographs")
-    save(folder, **{f"{seed}": noise(48, 64, seed) for seed in range(FEWEST)})
+    save(folder, **{f"{seed}": noise(48, 64, seed) for seed in range(MIN_PICTURES)})
     return folder
 
 

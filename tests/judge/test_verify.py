@@ -140,7 +140,7 @@ FAULTS = {
     "correspondence": (
         changed(at_pixel(30, 40, (-5, 0)), "correspondence0.flo"),
         "correspondence",
-        "is not that of the disparity",
+        "disagrees with the disparity",
     ),
     "normals with x and y swapped": (normals(lambda n: n[..., [1, 0, 2]]), "normals", "points away from the eye"),
     "normals negated": (normals(lambda n: -n), "normals", "normals_right points away from the eye in 23375 pixels"),

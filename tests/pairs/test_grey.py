@@ -20,7 +20,7 @@ from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import Frame, as_rgb
 from semisynth_gl.inputs.errors import ReadError
-from semisynth_gl.judge.charts import draw_sheet
+from semisynth_gl.judge.charts import plot_sheet
 from semisynth_gl.layouts import PairKey, find_layout, layout_names
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.atlas import to_grey
@@ -100,7 +100,7 @@ def test_rigs_and_cameras_report_and_verify_go_with_grey(tmp_path):
     stored = open_dataset(tmp_path)[0]
     assert stored.left.image.shape == stored.left.correspondence.shape[:2] == stored.right.image.shape
     assert stored.left.image.std() > 5
-    sheet = draw_sheet([stored], config.wanted_histogram(), "grey", [""], [1.0])
+    sheet = plot_sheet([stored], config.wanted_histogram(), "grey", [""], [1.0])
     [shown, *_] = sheet.axes[0].get_images()
     np.testing.assert_array_equal(shown.get_array(), as_rgb(stored.left.image))
     assert findings(tmp_path, rays=100) == []
