@@ -1,4 +1,4 @@
-"""The error of the rendered disparity: against float64 rays, or on one plane against its equation."""
+"""The error of the rendered disparity, compared with float64 rays; or on a test plane, compared with its equation."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,10 +20,10 @@ from semisynth_gl.scene.scene import make_scene
 def measure(
     config: Config, seed: int, backend: Backend, pairs: int = 3, rays: int = 20_000, *, listener: Listener
 ) -> dict[str, Any]:
-    """Compare ``pairs`` pairs with ``rays`` rays for each eye; the listener gets a message before each part.
+    """Compare the disparities of a config's first ``pairs`` pairs with ``rays`` rays for each eye.
 
     Returns a report in JSON's types: the keys of `scene_facts`, "machine", and "disparity", the result of
-    `error_stats`. Raises SemisynthError if the config or OpenGL cannot be used.
+    `error_stats`. The listener gets messages. Raises SemisynthError if the config or OpenGL cannot be used.
     """
     listener.on_message(f"making {counted(pairs, 'scene')} of {config.name}")
     bench = sample_scenes(config, seed, pairs)
@@ -37,10 +37,7 @@ def measure(
 
 
 def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[TruthAtPixels]) -> dict[str, Any]:
-    """Describe the measured scenes: config, seed, sizes (width, height), and numbers of pixels.
-
-    "pixels_left_out" is the number of sampled pixels that were not compared.
-    """
+    """Return config, seed, number and sizes (width, height) of the scenes, and numbers of compared and left-out pixels."""
     return {
         "config": bench.config.name,
         "config_sha256": bench.config.digest(),
@@ -48,12 +45,12 @@ def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[TruthAtPixels]) 
         "pairs": len(bench.scenes),
         "sizes_px": sorted({(scene.camera.width_px, scene.camera.height_px) for scene in bench.scenes}),
         "pixels_compared": sum(len(part.disparity_px) for part in truths),
-        "pixels_left_out": sum(part.dropped for part in truths),
+        "pixels_left_out": sum(part.left_out for part in truths),
     }
 
 
 def table(report: Mapping[str, Any]) -> str:
-    """Return a report as one line."""
+    """Return the report of `measure` as a line of text."""
     median, p999, worst = errors_text(report["disparity"])
     return (
         f"Disparity against float64 rays, {report['pixels_compared']} pixels (without {report['pixels_left_out']} "
@@ -69,7 +66,7 @@ def errors_text(error: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def plane_error_px(backend: Backend) -> float:
-    """Return the largest error, px, of both disparities of a slanted plane; raises BackendError without OpenGL."""
+    """Render a slanted plane; return the largest error, px, of both disparities. Raises BackendError without OpenGL."""
     camera = StereoCamera(320, 240, 400.0, 0.2, 155.5, 163.5, 119.5)
     # The points p of the plane satisfy normal . p = 2, with x and y from -9 to 9 m.
     normal, matrix = np.array([0.3, -0.2, 1.0]), np.eye(4)

@@ -20,8 +20,8 @@ from semisynth_gl.scene.scene import Scene
 from semisynth_gl.scene.sources import SceneSources, prepare_sources
 from semisynth_gl.seeds.splits import Split
 
-# Minimum distance of compared pixels from edges. The rasteriser rounds vertices to 1/256 px, so it may draw the wrong
-# triangle very near an edge.
+# Pixels nearer than this to an edge are not compared: rasterisers round vertices, at best to 1/256 px, so the renderer
+# may show the triangle on the other side of the edge.
 _FROM_EDGE_PX = 1 / 16
 
 
@@ -35,7 +35,7 @@ class BenchScenes:
     scenes: Sequence[Scene]
 
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
-        """Open a renderer for these models and patches; ``options`` of `Renderer` replace the config's."""
+        """Open a `Renderer` for these models and patches; ``options`` replace those of the config."""
         atlas = self.sources.atlas
         large = atlas.large_layers if len(atlas.large_layers) else None
         options = renderer_options(self.config) | {"pattern": self.sources.pattern} | options
@@ -44,9 +44,9 @@ class BenchScenes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthAtPixels:
-    """The oracle's disparity at N pixels of one eye of a scene of `BenchScenes`; inf if the ray hits nothing.
+    """The disparity at N pixels of one eye of a scene, by rays; inf if the ray hits nothing.
 
-    ``scene`` is the scene's index, and ``dropped`` the number of sampled pixels that are left out.
+    ``scene`` is the scene's index in `BenchScenes`. ``left_out`` is the number of sampled pixels that are not compared.
     """
 
     scene: int
@@ -54,21 +54,21 @@ class TruthAtPixels:
     row: NDArray[np.int64]
     column: NDArray[np.int64]
     disparity_px: NDArray[np.float64]
-    dropped: int
+    left_out: int
 
 
 def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
-    """Make the scenes of a config's first pairs; raises InputError if images, models or ranges cannot be used."""
+    """Sample the scenes of a config's first pairs; raises InputError if images, models or ranges cannot be used."""
     sources = prepare_sources(config, Split(seed))
     sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
     return BenchScenes(config, sources, sampler.models, [sampler.sample(index).scene for index in range(pairs)])
 
 
 def cast_truth(bench: BenchScenes, rays: int, rng: np.random.Generator) -> list[TruthAtPixels]:
-    """Return the oracle's disparity at ``rays`` random pixels, for the left and then the right eye of each scene.
+    """Cast ``rays`` rays through random pixels of each eye of each scene, and return the disparities of their hits.
 
-    Pixels within 1/16 px of a different triangle are left out. The rays alone decide that, so a surface that the
-    renderer loses or draws elsewhere is an error.
+    Pixels within 1/16 px of a different triangle are left out. Four more rays per pixel decide that, not the rendered
+    pair: surfaces that the renderer loses or misplaces count as errors.
     """
     truths = []
     right, down = (side.ravel() for side in np.meshgrid(*[(-_FROM_EDGE_PX, _FROM_EDGE_PX)] * 2))
@@ -78,11 +78,11 @@ def cast_truth(bench: BenchScenes, rays: int, rng: np.random.Generator) -> list[
             column = rng.integers(0, scene.camera.width_px, rays)
             x, y = column.astype(np.float64), row.astype(np.float64)
             hits = cast_rays(scene, bench.models, eye, x, y)
-            # All four corners in one cast, since the cost of a cast depends mostly on the number of instances.
+            # One cast for all four rays around each pixel: its time depends mostly on the number of instances.
             around = cast_rays(scene, bench.models, eye, np.add.outer(right, x).ravel(), np.add.outer(down, y).ravel())
             kept = np.ones(rays, bool)
-            for there, here in ((around.instance, hits.instance), (around.triangle, hits.triangle)):
-                kept &= (there.reshape(4, rays) == here).all(axis=0)
+            for of_corners, of_centres in ((around.instance, hits.instance), (around.triangle, hits.triangle)):
+                kept &= (of_corners.reshape(4, rays) == of_centres).all(axis=0)
             signed = bench.config.disparity.signed
             truth = oracle.disparity_of(eye, oracle.correspondence_px(scene.camera, eye, x, y, hits, signed=signed))
             truths.append(TruthAtPixels(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))

@@ -25,7 +25,7 @@ STAGES: Mapping[str, str] = {
     "draw": "colour, disparity and surfaces of both eyes",
     "visibility": "both masks",
     "readback": "from the driver into arrays",
-    "check": "cheap checks of the pair, imperfections, provenance",
+    "check": "the config's checks, imperfections, provenance",
     "encode": "PNG and PFM in memory",
     "write": "files into the dataset's folder",
 }
@@ -36,24 +36,23 @@ _LAYOUT = "middlebury"
 _PAIRS_EACH = 4
 
 
-def usual_workers() -> tuple[int, ...]:
-    """Return the powers of two up to the number of usable cores, and this number, in ascending order."""
-    most = cores()
-    return tuple(sorted({2**power for power in range(most.bit_length())} | {most}))
+def usual_workers() -> set[int]:
+    """Return the powers of two up to the number of usable cores, and this number."""
+    return {2**power for power in range(cores().bit_length())} | {cores()}
 
 
 def measure(
     config: Config, seed: int, backend: Backend, pairs: int = 8, workers: tuple[int, ...] = (), *, listener: Listener
 ) -> dict[str, Any]:
-    """Measure the stages of ``pairs`` pairs, and whole runs of `generate` with each number of ``workers``.
+    """Time the stages of ``pairs`` pairs, and whole runs of `generate` with each number of ``workers``.
 
-    A run has ``pairs`` timed pairs, or four per worker if that is more. By default, `usual_workers` are measured. The
-    listener gets a message before each part. Raises SemisynthError if the config or OpenGL cannot be used.
+    A run has ``pairs`` timed pairs, or four per worker if that is more. By default, the numbers are `usual_workers`.
+    The listener gets messages. Raises SemisynthError if the config or OpenGL cannot be used.
 
     Returns:
-        A report in JSON's types: config, seed, "pairs", "machine"; "stages", with "name", "text", mean "seconds" per
-        pair and "share" of the total of each of `STAGES`; and "workers", with "pairs_per_second" for each number of
-        "workers", and llvmpipe's "threads" in each worker (with 0, it draws in the calling thread).
+        A report in JSON's types: config, seed, size, "pairs", "machine"; "stages", with "name", "text", mean "seconds"
+        per pair and "share" of the total of each of `STAGES`; and "workers", with "pairs_per_second" for each number
+        of "workers", and llvmpipe's "threads" in each worker (with 0, it draws in the calling thread).
     """
     listener.on_message(f"timing the stages of {counted(pairs, 'pair')}")
     # In a new process, since llvmpipe reads its number of threads once.
@@ -82,7 +81,7 @@ def measure(
 
 
 class _Clock(Listener):
-    """Sums the seconds of each stage, and records when pairs are finished."""
+    """Sums the seconds of each stage, and records the time when each pair is finished."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(STAGES, 0.0)
@@ -99,7 +98,7 @@ class _Clock(Listener):
 
 
 def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tuple[dict[str, str], dict[str, float]]:
-    """Return `Renderer.facts`, and the seconds of each stage of all pairs; the stages do not overlap."""
+    """Return `Renderer.facts`, and the seconds of each stage, summed over the pairs; the stages do not overlap."""
     keep_freed_memory()
     with tempfile.TemporaryDirectory() as scratch:
         job = DatasetJob(make_plan(config, seed, _LAYOUT, {"train": 1 + pairs}, 1), scratch, backend)
@@ -116,7 +115,10 @@ def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tup
 
 
 def _pairs_per_second(config: Config, seed: int, backend: Backend, workers: int, pairs: int) -> float:
-    """Return the pairs per second of a run without its first and last shards, while all workers are busy."""
+    """Return the pairs per second of a run of `generate`. With w workers, its first 2 w and last w shards do not count.
+
+    In between, all workers are busy.
+    """
     length, clock = config.sequence_pairs, _Clock()
     timed = ceil(pairs / length)
     total = (3 * workers + timed) * length
@@ -125,13 +127,13 @@ def _pairs_per_second(config: Config, seed: int, backend: Backend, workers: int,
             config, scratch, total, seed, layout=_LAYOUT, backend=backend, engine=LocalEngine(workers),
             shard_pairs=length, listener=clock,
         )  # fmt: skip
-    # The engine reports all pairs of a shard at once, when the shard is complete.
-    shards = clock.finished[length - 1 :: length]
-    return timed * length / (shards[-1 - workers] - shards[2 * workers - 1])
+    # The engine reports all pairs of a shard when the shard is complete.
+    shard_ends = clock.finished[length - 1 :: length]
+    return timed * length / (shard_ends[-1 - workers] - shard_ends[2 * workers - 1])
 
 
 def table(report: Mapping[str, Any]) -> str:
-    """Return a report in Markdown: a table of stages and a table of workers."""
+    """Return the report of `measure` in Markdown: a table of stages and a table of workers."""
     stages = [
         (row["name"], f"{1e3 * row['seconds']:.1f}", f"{100 * row['share']:.0f} %", row["text"])
         for row in report["stages"]

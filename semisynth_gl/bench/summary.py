@@ -20,9 +20,8 @@ _PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow")
 def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dict[str, Any]:
     """Compare values, px, with the truth, an array of the same shape.
 
-    Returns:
-        "median_px", "p999_px" (the 99.9th percentile) and "worst_px" of the absolute errors at values that are finite
-        in both arrays, or None if there are none. "missing" is the number of values that are finite in one array only.
+    Returns "median_px", "p999_px" (the 99.9th percentile) and "worst_px" of the absolute errors where both are finite,
+    or None if they never are, and "missing", the number of elements that are finite in only one of the arrays.
     """
     finite = np.isfinite(values) & np.isfinite(truth)
     error = np.abs(values[finite].astype(np.float64) - truth[finite])
@@ -57,10 +56,9 @@ def headline(report: Mapping[str, Any]) -> str:
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], *, text_last: bool = True) -> str:
-    """Return a Markdown table whose columns are also aligned in plain text.
+    """Return a Markdown table that is also aligned as plain text.
 
-    The first column and, with ``text_last``, the last column are aligned to the left. The others, which are numbers,
-    are aligned to the right.
+    Numbers are aligned to the right: all columns but the first and, with ``text_last``, the last.
     """
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     sides = ["<", *">" * (len(head) - 1 - text_last), *"<" * text_last]

@@ -32,7 +32,7 @@ def test_the_command_times_stages_and_workers(program, tmp_path):
 
 def test_usual_workers_are_powers_of_two_and_all_cores(monkeypatch):
     monkeypatch.setattr("semisynth_gl.bench.speed.cores", lambda: 6)
-    assert usual_workers() == (1, 2, 4, 6)
+    assert usual_workers() == {1, 2, 4, 6}
 
 
 def test_a_renderer_reports_its_stages_in_their_order():
