@@ -127,7 +127,7 @@ def picture_frame(rng: np.random.Generator) -> Parts:
     rim = rng.uniform(0.06, 0.16)
     unit = circle(1, 48)
     if rng.random() < 0.6:
-        # Moves the points to a square of side 2; some are its corners.
+        # Move the points of the circle outwards to a square of side 2; four become its corners.
         unit /= np.abs(unit).max(axis=1, keepdims=True)
     outer, inner = unit * (width / 2, height / 2), unit * (width / 2 - rim, height / 2 - rim)
     yield extruded(outer, thick, inner)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.arguments import check_magnitudes, to_array
 from semisynth_gl.inputs.errors import InputError
 
-# Maximum distance of vertices from the origin, in halves of the mesh's extent. float32 rounds numbers by up to 2^-24 of
-# their size, so vertices are off by up to 2^-10 of half the extent.
+# Maximum distance of vertices from the origin, relative to half the diagonal of the mesh's bounding box. There, float32
+# rounds vertices by up to 2^14 x 2^-24, a thousandth of that half diagonal.
 _FARTHEST = 1 << 14
 
 Floats = NDArray[np.float64]
@@ -22,16 +22,14 @@ class Mesh:
     """An indexed triangle mesh with one UV coordinate per vertex.
 
     The program's own models follow two rules, which hand-made meshes may break. They are normalised: their bounding
-    sphere has radius 1 about the origin. Their UV is measured in model units along the surface, so that one UV unit
-    spans one model unit and no texture is stretched.
+    sphere has radius 1 about the origin. One UV unit spans one model unit on the surface, so no texture is stretched.
 
     Attributes:
         name: the model's name in the provenance of a sample.
         positions: (V, 3) float32, model units, up to 1e9.
         uv: (V, 2) float32; u points to the right and v downwards in the patch, as in its pixel rows.
         triangles: (T, 3) uint32 indices into ``positions``.
-        solid: whether the mesh is solid (see `is_solid`). Only the fronts of a solid mesh's triangles are drawn; of
-            other meshes, both sides are drawn.
+        solid: see `is_solid`. The renderer draws only the front faces of a solid mesh, and both faces of other meshes.
 
     Raises:
         InputError: if shapes, dtypes, indices or values are wrong.
@@ -62,7 +60,7 @@ class Mesh:
     @property
     def radius(self) -> float:
         """Largest distance of a vertex from the origin, model units."""
-        return float(np.sqrt((self.positions.astype(np.float64) ** 2).sum(axis=1).max()))
+        return float(lengths(self.positions.astype(np.float64)).max())
 
 
 Parts = Iterator[Mesh]
@@ -72,31 +70,25 @@ Parts = Iterator[Mesh]
 def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Mesh:
     """Build a `Mesh` from array-like values, which are converted to its dtypes.
 
-    Args:
-        name: see `Mesh`.
-        positions: (V, 3), model units, up to 1e9, and up to 16384 times half their extent from 0.
-        uv: (V, 2), up to 16384, or up to 16384 times half their extent if that is more.
-        triangles: (T, 3) indices.
-
-    Raises:
-        InputError: if shapes, indices or values are wrong.
+    The mesh must lie so near to the origin that float32 keeps its shape. With half the diagonal of the bounding box as
+    the unit, no coordinate of ``positions``, (V, 3), may exceed 16384. For ``uv``, (V, 2), the unit is at least 1.
+    ``triangles`` are (T, 3) indices. Raises InputError if shapes, indices or values are wrong.
     """
     vertices = to_array(f"mesh {name}: positions", positions, np.float64)
     coordinates = to_array(f"mesh {name}: uv", uv, np.float64)
     mesh = make_part(name, vertices, coordinates, to_array(f"mesh {name}: triangles", triangles, np.uint32))
     for what, points, least in (("positions", vertices, 0.0), ("uv", coordinates, 1.0)):
-        low, high = points.min(axis=0), points.max(axis=0)
-        reach = max(float(lengths(high - low)) / 2, least)
-        if max(-low.min(), high.max()) > _FARTHEST * reach > 0:
+        half_diagonal = max(float(lengths(np.ptp(points, axis=0))) / 2, least)
+        if np.abs(points).max() > _FARTHEST * half_diagonal > 0:
             raise InputError(
-                f"mesh {name}: {what} must lie within {_FARTHEST} times half their extent of 0, where float32 holds "
-                "their shape: subtract their middle, and add it to the instance's pose or UV offset"
+                f"mesh {name}: {what} are farther from 0 than {_FARTHEST} times half the diagonal of their bounding "
+                "box: float32 loses their shape. Subtract their middle, and add it to the instance's pose or UV offset"
             )
     return mesh
 
 
 def make_part(name: str, positions: Numbers, uv: Numbers, triangles: Numbers) -> Mesh:
-    """Build a part of a model from arrays of any dtype. Unlike in `make_mesh`, it may lie far from the origin."""
+    """Build a part of a model from arrays of any dtype. Unlike a mesh of `make_mesh`, it may be far from the origin."""
     with np.errstate(over="ignore"):  # Mesh refuses infinite numbers
         vertices, coordinates = (each.astype(np.float32, order="C") for each in (positions, uv))
     return Mesh(name, vertices, coordinates, triangles.astype(np.uint32, order="C"))
@@ -105,7 +97,7 @@ def make_part(name: str, positions: Numbers, uv: Numbers, triangles: Numbers) ->
 def mesh_grid(rows: int, columns: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Triangulate a grid of cells: return u and v of its vertices from 0 to 1, (V,) each, and triangles, (T, 3).
 
-    The V = (rows + 1) (columns + 1) vertices follow row by row. u grows along a row, and v from row to row.
+    The V = (rows + 1) (columns + 1) vertices are in the order of rows. u grows along a row, v from row to row.
     """
     v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
     first = np.arange(v.size).reshape(v.shape)[:-1, :-1].reshape(-1, 1)
@@ -127,8 +119,7 @@ def cross(first: Floats, second: Floats) -> Floats:
 def least_aligned_axis(direction: Floats) -> Floats:
     """Return the unit vector, (3,), of the axis along which a direction (3,) has its smallest component.
 
-    Components are rounded to 1e-6, and the first of equal components is chosen: rounding errors, which differ between
-    processors, then hardly ever decide.
+    Components are compared to six decimals, since processors round differently. The first of equal components wins.
     """
     return np.asarray(np.eye(3)[np.argmin(np.round(np.abs(direction), 6))])
 
@@ -149,7 +140,7 @@ def unit(vector: Floats) -> Floats:
 
 
 def merged(name: str, parts: Iterable[Mesh]) -> Mesh:
-    """Join meshes into one mesh, whose ``solid`` is not set; vertices and triangles keep their order."""
+    """Join meshes into one that is not marked solid; vertices and triangles keep their order."""
     meshes = list(parts)
     starts = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])]).astype(np.uint32)
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
@@ -158,20 +149,20 @@ def merged(name: str, parts: Iterable[Mesh]) -> Mesh:
 
 
 def normalised(mesh: Mesh) -> Mesh:
-    """Centre a mesh's bounding box on the origin, and scale positions and UV to radius 1; ``solid`` is not set.
+    """Centre a mesh's bounding box on the origin, and scale positions and UV to radius 1, without the mark ``solid``.
 
     Raises InputError if all vertices coincide.
     """
     positions = mesh.positions.astype(np.float64)
     centred = positions - (positions.min(axis=0) + positions.max(axis=0)) / 2
-    radius = float(np.sqrt((centred**2).sum(axis=1).max()))
+    radius = float(lengths(centred).max())
     if not radius > 0:
         raise InputError(f"mesh {mesh.name}: has no extent")
     return make_part(mesh.name, centred / radius, mesh.uv.astype(np.float64) / radius, mesh.triangles)
 
 
 def without_degenerate(mesh: Mesh) -> Mesh:
-    """Drop triangles without area, and vertices without a triangle; if there are any, ``solid`` is not set.
+    """Drop triangles without area, and vertices without a triangle; if there are any, the mark ``solid`` goes, too.
 
     A triangle counts as without area if its height over its longest edge is at most a millionth of the mesh's radius:
     it cannot be seen, and its normal is noise. Raises InputError if no triangle remains.

@@ -22,27 +22,26 @@ from semisynth_gl.geometry.model_units import Surface, join_surfaces
 from semisynth_gl.inputs.errors import InputError, SkippedFile, cut
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, files_below
 
-# Maximum size of a model's file, unpacked, and of all files that it refers to.
+# Maximum size of a model's file, of a .zip's unpacked content, and of all files together that a model refers to.
 MAX_BYTES = 256 << 20
-# Maximum numbers of triangles and vertices of a model; those of a part are multiplied by the number of its nodes.
+# Maximum numbers of triangles and vertices of a model. A part that occurs several times in the scene counts each time.
 MAX_TRIANGLES, MAX_VERTICES = 2_000_000, 20_000_000
 
 # Keeps trimesh's messages off standard error if the application has not set up logging.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
-# Endings of models: formats of trimesh, some of which need packages that may be missing, and formats that trimesh
-# cannot read.
+# Formats of trimesh, some of which need packages that may be missing, and formats that trimesh cannot read.
 _FORMATS = (*trimesh_load.mesh_loaders, *trimesh.available_formats(), "zip")
-_NOT_READ = ("fbx", "usd", "usda", "usdc", "usdz", "blend", "3ds", "max")
-_ENDINGS = tuple(f".{suffix}" for suffix in (*_FORMATS, *_NOT_READ))
+_UNREADABLE = ("fbx", "usd", "usda", "usdc", "usdz", "blend", "3ds", "max")
+_ENDINGS = tuple(f".{suffix}" for suffix in (*_FORMATS, *_UNREADABLE))
 
 
 def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[SkippedFile]]:
-    """Read all models in folders and their subfolders, in the order of the folders and of the paths in each folder.
+    """Read all models in folders and their subfolders; each file becomes one model, see `make_model`.
 
-    Each file becomes one model, see `make_model`. Files in formats that are not models are ignored. Returns the models,
-    named by their paths relative to the folder, and the unusable files with reasons. Raises InputError if a folder does
-    not exist, or no file has a usable model.
+    Files in formats that are not models are ignored. Returns the models, named by their paths relative to the folder
+    and in the order of folders and paths, and the unusable files with reasons. Raises InputError if a folder does not
+    exist, or no file has a usable model.
     """
     meshes, skipped = list[Mesh](), list[SkippedFile]()
     for folder in folders:
@@ -64,10 +63,10 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[SkippedFile]]
 
 
 def read_surfaces(path: Path) -> list[Surface]:
-    """Read the parts of a model's file that have triangles, once for each node that uses them, in the scene's frame.
+    """Read the parts of a model's file that have triangles, in the scene's frame; a part may occur several times.
 
     Raises InputError if the file cannot be read, refers to a file outside its folder, exceeds a limit, or has vertices
-    that are not finite or indices out of range. The message is a predicate without a subject.
+    that are not finite or indices out of range. The message is a clause such as "has no triangles".
     """
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in trimesh.available_formats():
@@ -88,14 +87,14 @@ def _scene(path: Path, suffix: str) -> trimesh.Scene:
     if zipfile.is_zipfile(io.BytesIO(content)):  # .zip, .3mf, .3dxml and .zae
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             _require_at_most(MAX_BYTES, "bytes once unpacked", sum(info.file_size for info in archive.infolist()))
-    if suffix in {"glb", "gltf"}:  # from a damaged .gltf, trimesh would report that a different file is missing
+    if suffix in {"glb", "gltf"}:
         _check_gltf(content)
     if suffix in {"obj", "off"}:  # trimesh needs a further package for Latin-1, and cannot read a byte order mark
         content = content.decode("utf-8-sig", errors="replace").encode()
     return trimesh.load_scene(
         io.BytesIO(content),
         file_type=suffix,
-        resolver=_ModelFolder(path),
+        resolver=_FolderResolver(path),
         process=False,
         allow_remote=False,
         # Skips reading textures. In glTF, trimesh would also skip the UV map.
@@ -113,15 +112,15 @@ def _read(path: Path, limit: int) -> bytes:
 
 
 def _check_gltf(gltf: bytes) -> None:
-    """Refuse a glTF or GLB file that needs an unsupported compression, or declares too many vertices."""
+    """Refuse a glTF or GLB file whose JSON is damaged, which needs a missing decoder, or has too many vertices."""
     # The header of a GLB file has 12 bytes; then follow length and kind of the JSON.
     is_binary = gltf.startswith(b"glTF")
     document = json.loads(gltf[20 : 20 + int.from_bytes(gltf[12:16], "little")] if is_binary else gltf)
-    not_read = {"EXT_meshopt_compression"} | ({"KHR_draco_mesh_compression"} if find_spec("DracoPy") is None else set())
-    for name in not_read.intersection(document.get("extensionsRequired", [])):
+    unreadable = {"EXT_meshopt_compression"} | (set() if find_spec("DracoPy") else {"KHR_draco_mesh_compression"})
+    for name in unreadable.intersection(document.get("extensionsRequired", [])):
         raise InputError(f"is compressed with {name}: save it without compression")
-    # Checked before trimesh allocates vertices: an accessor may declare more elements than the file has bytes, and
-    # trimesh copies vertices that primitives share.
+    # Check before trimesh allocates memory: an accessor may declare more elements than the file has bytes, and trimesh
+    # copies vertices that primitives share.
     counts = [accessor["count"] for accessor in document.get("accessors", [])]
     attributes_of = [primitive["attributes"] for mesh in document.get("meshes", []) for primitive in mesh["primitives"]]
     vertices = sum(counts[attributes["POSITION"]] for attributes in attributes_of if "POSITION" in attributes)
@@ -162,8 +161,8 @@ def _require_at_most(limit: int, what: str, count: int) -> None:
         raise InputError(f"has {count:,} {what}, the limit is {limit:,}: simplify it, for example in MeshLab")
 
 
-class _ModelFolder(FilePathResolver):
-    """Lets trimesh read files in the model's folder and its subfolders, up to `MAX_BYTES` in total."""
+class _FolderResolver(FilePathResolver):
+    """Reads the files that a model refers to, only from its folder and subfolders, and up to `MAX_BYTES` in total."""
 
     def __init__(self, model: Path) -> None:
         super().__init__(str(model))

@@ -21,9 +21,9 @@ from semisynth_gl.plugins import find_plugin
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
-# The weight of the user's models is reduced in proportion if they are fewer than this.
+# If the user's models are fewer than this, the weight of their family is reduced in proportion.
 _FULL_FAMILY = 25
-# The purposes in `Split.select` for the user's models and for plug-ins' models; the built-in families have 0 and 1.
+# The ``purpose`` in `Split.select` for the user's models and for plug-ins' models; the built-in families have 0 and 1.
 _USER, _PLUGIN = 2, 3
 _ARRAYS = ("positions", "uv", "triangles")
 
@@ -33,10 +33,10 @@ class ModelLibrary:
     """Models, and the chances with which they are sampled.
 
     Attributes:
-        models: all models, each normalised to radius 1.
-        sampled: (M,) int64, the models that are sampled, as indices into ``models``; other recipes may sample the rest.
-        chances: (M,) float64, sum 1, the chance of each sampled model; the models of a family share its weight in
-            proportion to the weights of their kinds.
+        models: the models of all recipes, normalised.
+        sampled: (M,) int64, indices of the models that this recipe samples.
+        chances: (M,) float64, sum 1, the chance of each sampled model. The weight of a family is divided among its
+            models in proportion to the weights of their kinds.
         relief: the mean relief of the sampled models.
         skipped: the user's files that have no usable model, with reasons.
         user_count: number of the user's models, which are first in ``sampled``.
@@ -51,11 +51,11 @@ class ModelLibrary:
 
 
 def build_library(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
-    """Build the models that a config asks for in a split, or load them from the cache.
+    """Build the models of one recipe in a split, or load them from the cache.
 
-    ``particles`` states how models are stretched, which changes their mean relief. All models of the library are
-    sampled. Raises InputError if a folder does not exist, the folders have no usable model, no model has a weight, a
-    plug-in cannot be used, or there are too few models for all splits.
+    ``particles`` states how models are stretched, which changes their mean relief. Raises InputError if a folder does
+    not exist, the folders have no usable model, no model has a weight, a plug-in cannot be used, or there are too few
+    models for all splits.
     """
     key = {
         "section": section.model_dump(mode="json"),
@@ -72,10 +72,10 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
 def build_libraries(
     recipes: Sequence[tuple[ModelsSection, ParticlesSection]], split: Split
 ) -> tuple[ModelLibrary, ...]:
-    """Build the library of each recipe, given its sections; see `build_library`.
+    """Build the library of each recipe from the recipe's sections; see `build_library`.
 
-    The libraries have the same ``models``: every model that any recipe samples. Each recipe samples the same models
-    with the same chances as without the other recipes.
+    All libraries have the same ``models``; a model that several recipes share occurs once. A recipe samples the same
+    models with the same chances as if it were the only recipe.
     """
     settings = [(section, particles.stretch, particles.thinness) for section, particles in recipes]
     first_equal = [settings.index(each) for each in settings]
@@ -85,7 +85,7 @@ def build_libraries(
         seen, keys[first] = Counter[object](), []
         for mesh in library.models:
             content = (mesh.name, *(getattr(mesh, name).tobytes() for name in _ARRAYS))
-            # A library may have several equal models, each with a chance.
+            # One library may have several equal models, which stay separate.
             seen[content] += 1
             keys[first].append((content, seen[content]))
         models |= zip(keys[first], library.models, strict=True)
@@ -111,7 +111,7 @@ def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
 
 
 def _packed(library: ModelLibrary) -> CacheEntry:
-    """Return the library as a cache entry, whose arrays are those of all models, concatenated."""
+    """Return the library as a cache entry with the concatenated arrays of all models."""
     values = {
         "rows": {name: [len(getattr(mesh, name)) for mesh in library.models] for name in _ARRAYS},
         "models": [[mesh.name, mesh.solid] for mesh in library.models],
@@ -143,7 +143,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
         from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415 - trimesh is slow to load
 
         user, skipped = load_models([expanded(folder) for folder in section.folders])
-    # Computed before the splits divide the models, so that the weight is the same in all splits.
+    # The weight is computed before the splits divide the models, so that it is the same in all splits.
     user_weight = section.user * min(1.0, len(user) / _FULL_FAMILY)
     if split.models and user:
         user = split.select(user, "models of the user", _USER)

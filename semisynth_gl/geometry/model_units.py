@@ -10,7 +10,7 @@ from semisynth_gl.geometry.unwrap import project_uv
 from semisynth_gl.inputs.arguments import MOST, to_array
 from semisynth_gl.inputs.errors import InputError
 
-# A part's UV map is used if more than this share of the part's surface has usable UV.
+# A part's UV map is used if it is usable on more than this share of the part's surface.
 _LEAST_MAPPED = 0.5
 # A triangle's UV is unusable if it stretches the texture by this factor or more, relative to the median of its part.
 _MOST_STRETCH = 16
@@ -46,14 +46,14 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
 def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
     """Join surfaces into one model, see `make_model`.
 
-    Raises InputError if there are no triangles, the model has no extent, or no triangle has an area. The message omits
-    the model's name, as in "has no extent"; the caller adds it.
+    Raises InputError if there are no triangles, the model has no extent, or no triangle has an area. The error's
+    ``text`` is a clause, such as "has no extent"; its ``argument`` is the model.
     """
     argument = f"model {name}"
     if not parts:
         raise InputError("has no triangles", argument=argument)
     parts = [_without_unused_vertices(*part) for part in parts]
-    # Centred and scaled in float64, since a model may be far from its origin, or of any size.
+    # Centre and scale in float64, since a model may be far from its origin, or of any size.
     vertices = np.concatenate([positions for positions, _, _ in parts])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     centre = low / 2 + high / 2
@@ -62,7 +62,7 @@ def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
         raise InputError("has no extent", argument=argument)
     try:
         unwrapped = [_unwrapped(name, (positions - centre) / extent, faces, uv) for positions, faces, uv in parts]
-        # Normalised twice, since dropped triangles may have enlarged the bounding box.
+        # Normalise twice, since dropped triangles may have enlarged the bounding box.
         return normalised(without_degenerate(normalised(merged(name, chain(*unwrapped)))))
     except InputError as error:
         raise InputError("has no triangle with an area", argument=argument) from error
@@ -74,13 +74,13 @@ def _without_unused_vertices(positions: Floats, triangles: NDArray[np.int64], uv
 
 
 def _unwrapped(name: str, positions: Floats, triangles: NDArray[np.int64], uv: Floats | None) -> list[Mesh]:
-    """Return a part as one or two meshes: with its UV map in model units, if usable, and with projected UV."""
+    """Return a part as one or two meshes: triangles with usable UV in model units, others with projected UV."""
     if uv is None:
         return [project_uv(name, positions, triangles)]
     area, uv_area, stretch = _texture_stretch(positions[triangles], uv[triangles])
     is_mapped = (area > 0) & np.isfinite(stretch)
-    # The scale is the median over the surface. A mean would be decided by a few triangles that fill most of the map,
-    # such as the eyes of an animal whose body needs only a few texels.
+    # The scale is the median over the surface. A few triangles that fill most of the map, such as the eyes of an animal
+    # whose body needs only a few texels, would decide a mean.
     factor = np.sqrt(area[is_mapped] / uv_area[is_mapped])
     order = np.argsort(factor, kind="stable")
     share = np.cumsum(area[is_mapped][order])
@@ -88,7 +88,7 @@ def _unwrapped(name: str, positions: Floats, triangles: NDArray[np.int64], uv: F
     usable = (area == 0) | (is_mapped & (stretch < _MOST_STRETCH * scale))
     if area[usable].sum() <= _LEAST_MAPPED * area.sum():
         return [project_uv(name, positions, triangles)]
-    # UV is beyond the limits only in triangles that are not usable, or degenerate and dropped later.
+    # This changes no usable triangle with an area: its UV is finite and within the limits.
     clipped = np.clip(np.where(np.isfinite(uv), uv, 0) * scale, -MOST, MOST)
     mapped = make_part(name, positions, clipped, triangles[usable])
     return [mapped] if usable.all() else [mapped, project_uv(name, positions, triangles[~usable])]

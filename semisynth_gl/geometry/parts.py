@@ -54,16 +54,13 @@ def spline(points: ArrayLike, steps: int = 6) -> Floats:
 def rounded(corners: ArrayLike, radius: float, steps: int) -> Floats:
     """Replace the inner corners of a polyline, (N, 3), by arcs of ``steps`` straight pieces each; (P, 3).
 
-    Neighbouring corners must be far enough apart for both arcs.
+    The polyline must turn at each corner, and neighbouring corners must be far enough apart for both arcs.
     """
     given = np.asarray(corners, np.float64)
     points = [given[:1]]
     for before, corner, after in zip(given[:-2], given[1:-1], given[2:], strict=True):
         arriving, leaving = unit(corner - before), unit(after - corner)
         turn = float(np.arccos(np.clip(arriving @ leaving, -1, 1)))
-        if turn < 1e-6:
-            points.append(corner[None])
-            continue
         inward = (leaving - arriving @ leaving * arriving) / np.sin(turn)
         start = corner - radius * np.tan(turn / 2) * arriving
         angle = np.linspace(0, turn, steps + 1)[:, None]
@@ -75,7 +72,7 @@ def hollow(outside: Floats, wall: float) -> Floats:
     """Return a vessel's profile, (Q, 2), from the middle of the foot over the lip to the middle of the inner floor.
 
     ``outside``, (P, 2), is radius and height from the foot's rim up to the lip. The inner side is this curve, moved
-    inwards by the thickness ``wall``. The curve must rise without sharp steps, where the inner side would fold over.
+    inwards by the thickness ``wall``. The curve must have no sharp steps, where the inner side would fold over.
     """
     along = np.gradient(outside, axis=0)
     along /= lengths(along)[:, None]

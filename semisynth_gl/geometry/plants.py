@@ -13,14 +13,14 @@ GOLDEN_TURN_RAD = np.pi * (3 - np.sqrt(5))
 
 
 def _leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:
-    """Return a leaf without thickness along +x from the origin, which bends down by ``droop_rad`` over its length."""
+    """Return a leaf without thickness. It begins at the origin along +x and bends down by ``droop_rad`` in all."""
     share = np.linspace(0, 1, rows)
     outline = width / 2 * np.sin(np.pi * share**0.7) ** 0.8
     outline[0], outline[-1] = 0.02 * width, 0
     heading = -droop_rad * (share[:-1] + share[1:]) / 2
     step = length / (rows - 1)
     x, z = (np.concatenate([[0], np.cumsum(step * turn(heading))]) for turn in (np.cos, np.sin))
-    across = np.array([1, 0, -1])  # from left to right seen from above, so that the upper side is the front
+    across = np.array([1, 0, -1])  # from +y to -y, so that the upper side is the front
     points = np.stack(np.broadcast_arrays(x[:, None], across * outline[:, None], z[:, None]), axis=2)
     uv = np.stack(np.broadcast_arrays(-across * outline[:, None], -share[:, None] * length), axis=2)
     return grid_surface(points, uv)

@@ -1,7 +1,7 @@
 """Soft and round things: free-form lumps, figures, animals, cushions, hanging cloth and lying cloth.
 
-All but cloth are surfaces of distance fields, such as limbs that flow into each other. Fields use only operations that
-all processors round alike (no powers or exponentials), so that a model has the same vertices on all machines.
+All but cloth and curtains are surfaces of distance fields. Fields use only operations that all processors round alike
+(no powers or exponentials), so that a model has the same vertices on all machines.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,12 +19,12 @@ Field = Callable[[Floats], Floats]
 Limb = tuple[Floats, float, Floats, float]
 """A round-ended rod: its start, (3,), and its radius there; its end, (3,), and its radius there."""
 
-# The four corners of a square of the grid in turn, and so the four cells around an edge: 1 is the upper of two indices.
+# The corners of a square of grid nodes in turn, as offsets of two indices; also those of the four cells around an edge.
 _AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
-# Minimum magnitude of a field's values at the nodes of the grid, in cells: values nearer to 0 would give degenerate
-# triangles.
+# The ends of the edges along an axis of the grid: all nodes but the last, and all nodes but the first.
+_ENDS = (slice(None, -1), slice(1, None))
+# Minimum magnitude of a field's values at the nodes, in cells: values nearer to 0 would give degenerate triangles.
 _CLEARANCE = 0.05
-_LOWER, _UPPER = slice(None, -1), slice(1, None)
 
 
 def blob(rng: np.random.Generator) -> Parts:
@@ -129,9 +129,9 @@ def cloth(rng: np.random.Generator) -> Parts:
 
 
 def _body(limbs: Sequence[Limb], softness: float, cells: int, margin: float = 0.03) -> Mesh:
-    """Make a mesh of limbs that flow into each other over a distance of ``softness``.
+    """Make a mesh of limbs whose joints are rounded over a distance of ``softness``.
 
-    Around the limbs, the grid has a margin of ``margin`` and two cells.
+    The grid extends beyond the limbs by ``margin`` and two cells.
     """
     points = np.array([end for start, _, stop, _ in limbs for end in (start, stop)])
     reach = np.array([[radius] for _, first, _, last in limbs for radius in (first, last)]) + margin
@@ -142,7 +142,7 @@ def _body(limbs: Sequence[Limb], softness: float, cells: int, margin: float = 0.
 
 
 def _field_of(start: Floats, start_radius: float, end: Floats, end_radius: float) -> Field:
-    """Return the field of a `Limb`, whose radius changes evenly; a limb between equal points is a ball."""
+    """Return the field of a `Limb`. Its radius changes linearly; a limb between equal points is a ball."""
     along = end - start
     square = float((along * along).sum())
 
@@ -156,7 +156,7 @@ def _field_of(start: Floats, start_radius: float, end: Floats, end_radius: float
 
 
 def _blended(fields: Sequence[Field], softness: float) -> Field:
-    """Return the union of fields, with creases rounded over a distance of ``softness`` (Quilez's smooth minimum)."""
+    """Return the union of fields by Quilez's smooth minimum, which rounds creases over a distance of ``softness``."""
 
     def smaller(a: Floats, b: Floats) -> Floats:
         overlap = np.maximum(softness - np.abs(a - b), 0) / softness
@@ -166,7 +166,7 @@ def _blended(fields: Sequence[Field], softness: float) -> Field:
 
 
 def _surface_nets(field: Field, low: Floats, high: Floats, cells: int) -> Mesh:
-    """Make a closed mesh of the surface where a field is 0, by surface nets: one vertex per cell that it crosses.
+    """Make a closed mesh of the surface where a field is 0, by surface nets: one vertex in each cell on the surface.
 
     The grid from ``low`` to ``high``, (3,) each, has ``cells`` along its longest side; at its border the field must be
     positive. UV is by `project_uv`, and triangles are anticlockwise seen from outside.
@@ -183,9 +183,9 @@ def _surface_nets(field: Field, low: Floats, high: Floats, cells: int) -> Mesh:
     quads = []
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        first, last = (tuple(side if k == axis else slice(None) for k in range(3)) for side in (_LOWER, _UPPER))
+        first, last = (tuple(end if k == axis else slice(None) for k in range(3)) for end in _ENDS)
         crossed = np.argwhere(inside[first] != inside[last])
-        begin, end = (values[side][tuple(crossed.T)] for side in (first, last))
+        begin, end = values[first][tuple(crossed.T)], values[last][tuple(crossed.T)]
         crossing = crossed.astype(np.float64)
         crossing[:, axis] += begin / (begin - end)
         cells_around = []
@@ -212,7 +212,7 @@ def _without_pinches(values: Floats) -> Floats:
         before = filled.copy()
         for first, second in ((0, 1), (1, 2), (2, 0)):
             squares = np.moveaxis(filled, (first, second), (0, 1))
-            a, b, c, d = (squares[(_LOWER, _UPPER)[i], (_LOWER, _UPPER)[j]] for i, j in _AROUND)  # views
+            a, b, c, d = (squares[_ENDS[i], _ENDS[j]] for i, j in _AROUND)  # views
             for inner_1, inner_2, outer_1, outer_2 in ((a, c, b, d), (b, d, a, c)):
                 pinched = (inner_1 < 0) & (inner_2 < 0) & (outer_1 >= 0) & (outer_2 >= 0)
                 nearer = outer_1 <= outer_2

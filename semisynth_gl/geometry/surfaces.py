@@ -28,17 +28,17 @@ from semisynth_gl.geometry.mesh import (
 from semisynth_gl.geometry.unwrap import facing_axes
 
 BAND_STRETCH = 1.1
-"""Maximum ratio of a length around a lathed surface to its length in UV, and of the latter to the former."""
+"""Maximum factor by which the texture of a lathed surface is stretched or compressed around the axis."""
 
 BAND_SHEAR = 0.15
-"""Maximum shear of the texture on a facet of a lathed surface: facets may be steeper or flatter than their cone."""
+"""Maximum shear of the texture on a lathed surface, where the surface is steeper or flatter than its band's cone."""
 
 
 def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
-    """Triangulate a grid of points, (R, C, 3), some of which may coincide; the mesh is named ``grid``.
+    """Triangulate a grid of points, (R, C, 3), some of which may coincide; ``uv`` is (R, C, 2).
 
-    The normal is the cross product of the direction along a row and the direction along a column. ``uv`` is (R, C, 2).
-    By default, u is the mean arc length along rows and v that along columns, which fits nearly developable sheets.
+    Normals point along the cross product of the direction along a row and the direction along a column. By default, u
+    is the mean arc length along rows, and -v that along columns, which fits nearly developable sheets.
     """
     grid = np.asarray(points, np.float64)
     rows, columns, _ = grid.shape
@@ -57,8 +57,8 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
     The profile runs outwards along the bottom, up the outer side, and inwards along the top. Only its ends may have a
     radius of 0. The surface is closed if both ends have a radius of 0, or if ``closed`` joins them.
 
-    The profile is cut into bands, and each band is unrolled like the cone that fits it best. Along the profile, lengths
-    in UV are exact; around the axis, they are within `BAND_STRETCH` and `BAND_SHEAR`.
+    For UV, the profile is cut into bands. A cone is fitted to each band and unrolled. Along the profile, lengths in UV
+    are exact; around the axis, they are within `BAND_STRETCH` and `BAND_SHEAR`.
     """
     points = np.asarray(profile, np.float64)
     if closed:
@@ -85,9 +85,9 @@ def _longest_band(radius: Floats, arc: Floats, start: int, segments: int) -> tup
     for stop in range(start + 2, len(radius)):
         r, s = radius[start : stop + 1], arc[start : stop + 1]
         offset, slope = _fitted_cone(r, s)
-        cone, seen = (offset + slope * s)[r > 0], r[r > 0]
+        fitted, actual = (offset + slope * s)[r > 0], r[r > 0]
         shear = np.abs(np.diff(r) - slope * np.diff(s)) * np.sin(np.pi / segments)
-        stretched = (cone > BAND_STRETCH * seen) | (cone * BAND_STRETCH < seen)
+        stretched = (fitted > BAND_STRETCH * actual) | (fitted * BAND_STRETCH < actual)
         if stretched.any() or (shear > BAND_SHEAR * np.diff(s)).any():
             break
         fit = (stop, offset, slope)
@@ -95,7 +95,7 @@ def _longest_band(radius: Floats, arc: Floats, start: int, segments: int) -> tup
 
 
 def _fitted_cone(radius: Floats, arc: Floats) -> tuple[float, float]:
-    """Fit radius = offset + slope * arc by least squares. If an end is on the axis, the line goes through it."""
+    """Fit radius = offset + slope * arc by least squares; if an end is on the axis, exactly through that end."""
     poles = np.flatnonzero(radius == 0)
     origin = arc[poles[0]] if len(poles) else arc.mean()
     level = 0.0 if len(poles) else radius.mean()
@@ -104,7 +104,7 @@ def _fitted_cone(radius: Floats, arc: Floats) -> tuple[float, float]:
 
 
 def _conic_uv(arc: Floats, offset: float, slope: float, angle: Floats, segments: int) -> Floats:
-    """Unroll the cone radius = offset + slope * arc over angles (C,) to UV, (R, C, 2); at the angle 0, v is -arc."""
+    """Unroll the cone radius = offset + slope * arc to UV, (R, C, 2): rows by arc, columns by angle; v(0) is -arc."""
     half = np.pi / segments
     if abs(slope) < 1e-6:  # a cylinder, with the circumference of the polygon
         u = offset * np.sin(half) / half * angle
@@ -120,8 +120,8 @@ def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: 
     """Sweep a polygon along a curve, with as little rotation about the curve as possible, and close both ends.
 
     ``section``, (S, 2), is the polygon, anticlockwise and star-shaped about the origin. ``path``, (P, 3), is the curve;
-    neighbouring points must differ. ``closed`` joins its last point to its first. ``scales`` are factors of the section
-    at each point of the path, (P,), or one number. -v is the length along the curve.
+    neighbouring points must differ. ``closed`` joins its last point to its first. ``scales``, (P,), are factors by
+    which the section is scaled at the points of the path. -v is the length along the curve.
     """
     outline, points = np.asarray(section, np.float64), np.asarray(path, np.float64)
     factor = np.broadcast_to(np.asarray(scales, np.float64), len(points))
@@ -143,8 +143,8 @@ def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: 
 def _frames(points: Floats, *, closed: bool) -> tuple[Floats, Floats, Floats]:
     """Return rotation-minimising frames of a polyline: two unit normals and the tangent, (P, 3) each, right-handed.
 
-    The method is double reflection (Wang et al., Computation of rotation minimizing frames, 2008). On a closed
-    polyline, the angle between the last and the first frame is distributed evenly.
+    The method is double reflection (Wang et al., Computation of rotation minimizing frames, 2008). After one round of a
+    closed polyline, the frame is turned about the tangent; the frames are turned back evenly.
     """
     if closed:
         tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
@@ -192,8 +192,8 @@ def _planar_uv(points: Floats, normal: Floats) -> Floats:
     return np.stack([points @ u[0], points @ v[0]], axis=1)
 
 
-# The corners of a box's sides -x, +x, -y, +y, -z and +z, anticlockwise seen from outside. A corner's number is
-# 4 x + 2 y + z, where 1 is the upper end of an axis.
+# The corners of a box's sides -x, +x, -y, +y, -z and +z, anticlockwise seen from outside. The corner (x, y, z) of the
+# unit cube has the number 4 x + 2 y + z.
 _BOX_SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
@@ -239,8 +239,7 @@ def _at_height(polygon: Floats, z: float) -> Floats:
     return np.column_stack([polygon, np.full(len(polygon), z)])
 
 
-# The normals of a cell's sides, and their corners anticlockwise seen from outside: 0 is the lower bound along an axis,
-# and 1 the upper bound.
+# The normals of a unit cube's sides, and the sides' corners, anticlockwise seen from outside.
 _CELL_SIDES: Final = (
     ((0, 0, 1), ((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))),
     ((0, 0, -1), ((0, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 0))),

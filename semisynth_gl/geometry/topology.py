@@ -1,6 +1,6 @@
 """How triangles are connected: neighbours across edges, edges, and whether a surface is closed.
 
-trimesh has similar functions, but takes longer to load than everything else together.
+trimesh has similar functions, but takes longer to load than the rest of the program.
 """
 
 from dataclasses import dataclass, replace
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from semisynth_gl.geometry.mesh import Mesh, cross
 
 NO_NEIGHBOUR = 0xFFFFFFFF
-"""The entry of `neighbours` for an edge without a neighbour."""
+"""Entry of `neighbours` for an edge without a neighbour."""
 
 
 def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
-    """Find the number of the triangle across each edge of each triangle; (T, 3) uint32.
+    """Return the index of the neighbouring triangle across each edge of each triangle; (T, 3) uint32.
 
-    Column k is for the edge from corner k to the next corner. The number is `NO_NEIGHBOUR` at a border, and if more
-    than two triangles share the edge.
+    Column k is for the edge from corner k to the next corner. The entry is `NO_NEIGHBOUR` at a border, and if more than
+    two triangles share the edge.
     """
     start, stop, count = _edges(mesh)
     edge = np.minimum(start, stop) * count + np.maximum(start, stop)
@@ -33,15 +33,15 @@ def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshEdges:
-    """E edges, each with the triangles on its two sides; an edge at a border has the same triangle twice.
+    """E edges with two adjacent triangles each; an edge at a border has the same triangle twice.
 
     Attributes:
-        corners: (2, E, 3) uint32, vertices of the triangle on each side: start and end of the edge, and the opposite
-            vertex. Seen from outside of a solid, they run anticlockwise in the first triangle, and clockwise in the
-            second triangle.
-        plane: (2, 4, E) float32, n and n . p of the plane n . x = n . p through the triangle on each side, where
+        corners: (2, E, 3) uint32, for both triangles: start and end of the edge, and the opposite vertex. Seen from
+            outside of a solid, they run anticlockwise in the first triangle, and clockwise in the second triangle.
+        plane: (2, 4, E) float32, n and n . p of the plane n . x = n . p through the triangle, where
             n = (end - start) x (opposite - start) and p = start.
-        below: (2, E) bool, whether the opposite vertex of the other side has n . x < n . p for this plane.
+        below: (2, E) bool, whether the opposite vertex of the second triangle has n . x < n . p for the plane of the
+            first triangle; and the reverse.
         border: (E,) bool, whether the edge has only one triangle.
     """
 
@@ -52,7 +52,7 @@ class MeshEdges:
 
 
 def find_edges(mesh: Mesh) -> MeshEdges:
-    """Find the edges of a mesh. If more than two triangles share an edge, it is a border of each of them."""
+    """Find the edges of a mesh. An edge of n > 2 triangles occurs n times, as a border of one triangle each."""
     triangles, across = mesh.triangles, neighbours(mesh)
     own, side = (index.ravel() for index in np.indices(across.shape))
     other = across.ravel().astype(np.int64)
@@ -80,7 +80,7 @@ def is_solid(mesh: Mesh) -> bool:
     """Return whether a surface is closed, and all its triangles are anticlockwise seen from outside.
 
     Every edge must occur as often in one direction as in the other, and every connected part must enclose a positive
-    volume. A ray from outside then meets the front of a triangle first, unless a part crosses itself.
+    volume. The first triangle that a ray from outside meets then shows its front, unless a part crosses itself.
     """
     from scipy.sparse import coo_array  # noqa: PLC0415 - slow to load, and most processes take models from the cache
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
@@ -105,10 +105,8 @@ def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
 
     Vertices at equal positions are one point, since UV seams do not cut a surface.
     """
-    # Adding 0 turns -0.0 into 0.0, whose bits differ.
-    x, y, z = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64).T
-    half = np.uint64(32)
-    _, xy = np.unique(x << half | y, return_inverse=True)
-    points, number = np.unique(xy.astype(np.uint64) << half | z, return_inverse=True)
+    # The 12 bytes of a position identify it. Adding 0 turns -0.0 into 0.0, whose bytes differ.
+    positions = np.ascontiguousarray(mesh.positions + np.float32(0)).view("V12").ravel()
+    points, number = np.unique(positions, return_inverse=True)
     corners = number[mesh.triangles]
     return corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1), len(points)

@@ -33,11 +33,10 @@ def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
     A length on the surface is 1 to 1.13 times its length in UV. If the triangles at a vertex are projected along
     several directions, the mesh has the vertex once per direction.
     """
-    points = np.asarray(positions, np.float64)
-    index = np.asarray(triangles, np.int64)
-    # einsum, since the rounding of BLAS depends on the machine, and would decide between equally near directions.
+    points, index = np.asarray(positions, np.float64), np.asarray(triangles, np.int64)
+    # einsum, since the rounding of BLAS depends on the machine and could choose a different one of two near directions.
     direction = np.argmax(np.einsum("ti,di->td", face_normals(points[index]), DIRECTIONS), axis=1)
-    # Each pair of vertex and direction is a vertex of the result.
+    # Each pair of a vertex and a direction becomes a vertex of the mesh.
     unique, renumbered = np.unique(index * len(DIRECTIONS) + direction[:, None], return_inverse=True)
     vertex, chart = np.divmod(unique, len(DIRECTIONS))
     u, v = facing_axes(DIRECTIONS)
