@@ -14,7 +14,7 @@ from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.render import Backend
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops, draw_texture_sheet
+from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops, make_texture_sheet
 from semisynth_gl.textures.image_files import printable
 from semisynth_gl.textures.prepare import prepare_atlas
 
@@ -96,7 +96,7 @@ def _draw_patches(section: TexturesSection, seed: int, out: Path) -> None:
     source = ", ".join(section.images) if section.source == "images" else section.source
     title = f"{kept} of {report.patch_px} x {report.patch_px} pixels: {source}"
     shown = [(each.source, atlas.pixels(each)[0, ..., :3]) for each in atlas.patches if not each.large]
-    draw_texture_sheet(report, shown, title).save(out)
+    make_texture_sheet(report, shown, title).save(out)
     for line in (*table(_patch_rows(report)), report.summary(), f"{kept} in {out}"):
         click.echo(line)
 

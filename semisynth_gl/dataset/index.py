@@ -48,7 +48,7 @@ def index_values(
 
 def _describe_split(plan: DatasetPlan, split: SplitName, sources: SceneSources) -> dict[str, Any]:
     config = plan.config
-    patches = [patch.described() | {"sha256": _sha256(sources.atlas.pixels(patch))} for patch in sources.atlas.patches]
+    patches = [patch.as_json() | {"sha256": _sha256(sources.atlas.pixels(patch))} for patch in sources.atlas.patches]
     names = {patch.source for patch in sources.atlas.patches}
     files = {name: path for path, name in relative_names(sources.photographs).items() if name in names}
     digests = {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}

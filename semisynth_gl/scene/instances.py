@@ -85,7 +85,7 @@ class PatchMapping:
         self._section = section
         self._small = sum(not patch.large for patch in patches)
         self._small_chances, self._large_chances = (
-            np.cumsum(patch_chances([patch.shown for patch in some]))
+            np.cumsum(patch_chances([patch.subject_name for patch in some]))
             for some in (patches[: self._small], patches[self._small :])
         )
         self._first_layer = np.array([patch.first_layer for patch in patches])

@@ -59,7 +59,7 @@ class SceneSources:
         """
         patches = models = 0
         for patch in self.atlas.patches:
-            known = patch.described()
+            known = patch.as_json()
             del known["texture"]  # follows from the pixels
             patches = crc32(json.dumps(known).encode(), patches)
         for layers in (self.atlas.layers, self.atlas.large_layers):

@@ -1,4 +1,4 @@
-"""The patch atlas: all patches that the renderer samples, and the square of an image from which each patch is cut."""
+"""The patch atlas: the textures of all surfaces, and the square of an image from which each patch is cut."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -14,19 +14,19 @@ from semisynth_gl.textures.crops import texture_measure
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """One square of texture: successive layers of the atlas, and the `Square` of an image from which they are cut.
+    """A texture for surfaces: a square of an image, scaled to the size of a layer of the atlas.
 
-    If the square is larger than a layer, its pixels are averaged. Only large patches may be enlarged. A patch of an
-    image sequence has one layer per frame; a patch of a still image has one layer.
+    A patch of a still image has one layer; a patch of an image sequence has one layer per frame. Larger squares are
+    averaged. Only squares of large patches may be smaller than a layer; they are enlarged.
 
     Attributes:
         source: name of the image, as in `Square`.
         left_px: first column of the square in the upright image.
         top_px: first row of the square.
         side_px: side of the square, in image pixels.
-        first_layer: number of the patch's first layer; see `Atlas` for how layers are numbered.
+        first_layer: number of the patch's first layer; `Atlas` says how layers are numbered.
         layer_count: number of successive layers.
-        texture: the smallest `texture_measure` of its frames.
+        texture: the smallest `texture_measure` of its layers.
         large: whether it is a large patch, for walls and grounds; large patches come last in the atlas.
         subject: name of the subject's first image, if several images in the atlas show the subject; else empty.
     """
@@ -42,14 +42,14 @@ class Patch:
     subject: str = ""
 
     @property
-    def shown(self) -> str:
-        """The name of the patch's subject; its image's name if no other image shows the subject."""
+    def subject_name(self) -> str:
+        """The name of the patch's subject; the image's name if no other image shows the subject."""
         return self.subject or self.source
 
-    def described(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """Return the attributes by name, in JSON's types; ``large`` and ``subject`` only if they are not defaults."""
-        usual = {"large": False, "subject": ""}
-        return {key: value for key, value in asdict(self).items() if usual.get(key) != value}
+        defaults = {"large": False, "subject": ""}
+        return {key: value for key, value in asdict(self).items() if defaults.get(key) != value}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,9 +61,9 @@ class Atlas:
             needs no padding of rows. For monochrome cameras (L, P, P) uint8, see `in_grey`.
         patches: in the order of their layers.
         report: the outcome of all images and crops.
-        pictures: by name, SHA-256 of the pixels of each painted picture from which patches are cut.
+        pictures: hexadecimal SHA-256 of the pixels of each painted picture with a patch, by the picture's name.
         large_layers: (M, Q, Q, 4) uint8 RGBA, or (M, Q, Q) uint8 for monochrome cameras: the layers of large patches,
-            numbered from L on; M may be 0.
+            with the numbers L to L + M - 1; M may be 0.
     """
 
     layers: NDArray[np.uint8]
@@ -94,7 +94,7 @@ def _in_grey(layers: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def atlas_from_arrays(patches: Sequence[NDArray[np.uint8]], sources: Sequence[str]) -> Atlas:
-    """Make an atlas of squares, each (P, P, 3) uint8 RGB of one size. Squares with little texture are kept, too.
+    """Make an atlas of squares of one size, (P, P, 3) uint8 RGB each, even of squares with little texture.
 
     ``sources`` names the image of each patch.
     """

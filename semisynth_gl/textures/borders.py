@@ -1,18 +1,18 @@
-"""Finds black borders of rectified photographs: pixels that map to positions outside the raw photograph."""
+"""Finds black borders of rectified photographs, whose pixels come from outside the raw photograph."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Levels up to this one are black, since JPEG changes black a little.
+# Levels up to this one count as black, since JPEG changes black a little.
 _BLACK = 3
-# Black at an edge is a border if it covers at least the share `_LEAST` of a photograph, and at least `_LEAST_INSIDE`
-# remains; else it is a dark object.
-_LEAST, _LEAST_INSIDE = 1e-3, 0.5
-# `_EDGE`: maximum share of black pixels along an edge of the inside. `_MIXED_PX`: width of the strip beside a border
-# that is cut off, too, since interpolation mixed its pixels with black.
-_EDGE, _MIXED_PX = 0.005, 2
+# Minimum shares of a photograph that the border and the inside cover; otherwise the black part is a dark object.
+_LEAST_BORDER, _LEAST_INSIDE = 1e-3, 0.5
+# Maximum share of black pixels along an edge of the inside.
+_MOST_BLACK = 0.005
+# Width of the strip along a border that is cut off with it, since interpolation mixed its pixels with black.
+_MIXED_PX = 2
 
 
 class Rectangle(NamedTuple):
@@ -27,25 +27,23 @@ class Rectangle(NamedTuple):
 def inside_borders(image: NDArray[np.uint8]) -> Rectangle:
     """Return the rectangle of an image inside its black borders; the whole image if it has none.
 
-    The blackest edge is moved inwards again and again, until no edge has more than a few black pixels.
-
-    Args:
-        image: (H, W, 3) RGB, uint8.
+    The image, (H, W, 3) uint8 RGB, loses the row or column of its blackest edge until no edge has more than a few black
+    pixels.
     """
     height, width = image.shape[:2]
     whole = Rectangle(0, 0, width, height)
     if all((edge > _BLACK).any(axis=-1).all() for edge in (image[0], image[-1], image[:, 0], image[:, -1])):
         return whole
     border = _black_border(image.max(axis=2) <= _BLACK)
-    # A border covers opposite edges or two corners. A dark object in one corner covers neither.
-    top_edge, bottom_edge, left_edge, right_edge = (edge > _EDGE for edge in _edges(border))
+    # A border is at opposite edges or in two corners. A dark object in one corner is no border.
+    top_edge, bottom_edge, left_edge, right_edge = (edge > _MOST_BLACK for edge in _edges(border))
     corners = border[[0, 0, -1, -1], [0, -1, 0, -1]].sum()
-    if border.mean() < _LEAST or not ((top_edge and bottom_edge) or (left_edge and right_edge) or corners >= 2):
+    if border.mean() < _LEAST_BORDER or not ((top_edge and bottom_edge) or (left_edge and right_edge) or corners >= 2):
         return whole
     top, bottom, left, right = 0, height, 0, width
     while (bottom - top) * (right - left) > _LEAST_INSIDE * height * width:
         edges = _edges(border[top:bottom, left:right])
-        if max(edges) <= _EDGE:
+        if max(edges) <= _MOST_BLACK:
             left, top = (start + _MIXED_PX * (start > 0) for start in (left, top))
             right, bottom = (end - _MIXED_PX * (end < side) for end, side in ((right, width), (bottom, height)))
             return Rectangle(left, top, right - left, bottom - top) if right > left and bottom > top else whole

@@ -89,8 +89,8 @@ def fractal(
 ) -> Field:
     """Return noise (H, W) with a mean of about 0 and a standard deviation of about 1.
 
-    The sizes of its largest and smallest blobs are powers of two. The contrast of an octave is that of the next coarser
-    octave times ``persistence``, which is about 1 in photographs. Blobs are ``stretch`` times as wide as high.
+    The heights of its largest and smallest blobs are powers of two; blobs are ``stretch`` times as wide as high. Each
+    octave has ``persistence`` times the contrast of the next coarser octave; in photographs, this is about 1.
     """
     high, wide = shape[0], -(-shape[1] // stretch)
     cell, amplitude = coarsest_px, 1.0
@@ -121,15 +121,15 @@ def grid(side_px: int = SIDE_PX) -> tuple[Field, Field]:
 
 
 def direction(down: Field, right: Field) -> Field:
-    """Return the angle, rad, around a centre, of points with the offsets ``down`` and ``right`` from the centre.
+    """Return the angle, rad, about a centre, of points at the offsets ``down`` and ``right`` from it.
 
-    It is computed in float64, since NumPy's float32 arctan2 depends on the processor: patches must not.
+    It is computed in float64, since NumPy's float32 arctan2 gives different results on different processors.
     """
     return np.arctan2(down.astype(np.float64), right.astype(np.float64)).astype(np.float32)
 
 
 class PatternTiles(NamedTuple):
-    """For each pixel, (H, W): its tile's number, its approximate distance to the border, its offset from the centre."""
+    """For each pixel, (H, W): its tile's number, approximate distance to the tile's border, offset from its centre."""
 
     number: NDArray[np.int64]
     border: Field
@@ -193,7 +193,7 @@ def toned(field: NDArray[Any], colours: ArrayLike) -> Field:
 
 
 def mixed(below: ArrayLike, above: ArrayLike, mask: NDArray[Any]) -> Field:
-    """Blend ``above`` over ``below``, pixels or a colour each, by a mask (H, W): 1 shows ``above``; (H, W, 3)."""
+    """Blend pixels or a colour over pixels or a colour by a mask (H, W), where 1 shows ``above``; (H, W, 3)."""
     low, high = np.asarray(below, np.float32), np.asarray(above, np.float32)
     return np.asarray(low + (high - low) * mask[..., np.newaxis], np.float32)
 
@@ -218,7 +218,7 @@ def veins(rng: np.random.Generator, sharpness: float, coarsest_px: int = 256, pe
 def finished(rng: np.random.Generator, image: NDArray[Any], grain: float = 5.0, light: float = 0.06) -> Pixels:
     """Add grain and uneven light, as in photographs, to a picture (H, W, 3) of 0 to 255; return it as 8-bit RGB.
 
-    ``grain`` is the standard deviation of the grain, levels. ``light`` is that of the light, whose mean is 1.
+    ``grain`` is the standard deviation of the grain, levels; ``light`` is the standard deviation of the light around 1.
     """
     shade = 1 + light * fractal(rng, coarsest_px=512, finest_px=64, persistence=0.5)
     noise = grain * fractal(rng, coarsest_px=16, persistence=1.0)

@@ -26,7 +26,7 @@ MOST_FRAMES = 16
 
 def natural_key(path: Path) -> tuple[str, list[str | int], str]:
     """Return a sort key by folder, then by name, with numbers in numeric order: frame2 before frame10."""
-    # Text and numbers alternate, beginning with text. The name itself orders frame01 and frame1.
+    # Text and numbers alternate, beginning with text. The name itself decides between frame01 and frame1.
     parts = re.split(r"(\d+)", path.name)
     return path.parent.as_posix(), [int(part) if number % 2 else part for number, part in enumerate(parts)], path.name
 
@@ -34,9 +34,9 @@ def natural_key(path: Path) -> tuple[str, list[str | int], str]:
 def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) -> list[list[Path]]:
     """Cut the images of each folder, sorted naturally by name, into successive clips of nearly equal length.
 
-    Clips get the largest number of frames for which patches times frames is at most `MOST_LAYERS`. ``max_patches`` are
-    expected; fewer if there are no painted pictures (``alone``) and fewer crops. The readable image of a folder with
-    the largest number of crops represents all images of the folder.
+    Clips have as many frames as fit into `MOST_LAYERS`, if the atlas gets ``max_patches`` patches. With ``alone``,
+    there are no painted pictures, and the number of crops limits the patches, too. All images of a folder are taken to
+    have as many crops as its largest readable image.
     """
     folders, crops = defaultdict[Path, list[Path]](list), defaultdict[Path, int](int)
     for path in sorted(images, key=natural_key):
@@ -59,11 +59,11 @@ def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) 
 
 
 @dataclass(slots=True, eq=False)
-class VideoCrop:
-    """A square of a clip.
+class CropCandidate:
+    """A square of an image or a clip that may become a patch.
 
     Attributes:
-        square: the square; its ``source`` is the name of the clip's first frame.
+        square: the square; its ``source`` is the name of the image, or of the clip's first frame.
         frames: its pixels in each frame, (P, P, 3) uint8 each; empty once the crop is rejected.
         texture: smallest `texture_measure` of all frames.
         outcome: "kept", or why the crop is rejected: "flat" if any frame has less texture than ``min_texture``, else
@@ -80,7 +80,7 @@ class VideoCrop:
         self.outcome, self.frames = reason, []
 
     def add_frame(self, image: NDArray[np.uint8], section: TexturesSection) -> None:
-        """Cut the square out of one more frame, (H, W, 3), and judge the result."""
+        """Cut the square out of one more frame, (H, W, 3), and reject the crop if it is flat or blurred there."""
         patch = cut_crop(image, self.square, section.patch_px)
         self.texture = min(self.texture, texture_measure(patch))
         if self.texture < section.min_texture:
@@ -91,9 +91,9 @@ class VideoCrop:
             self.frames.append(patch)
 
 
-def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: TexturesSection) -> list[VideoCrop]:
+def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: TexturesSection) -> list[CropCandidate]:
     """Return the crops of a part of an image, sorted by side, row and column; none if the part is too small."""
-    crops = [VideoCrop(square) for square in cover(name, part, section.patch_px, section.scales)]
+    crops = [CropCandidate(square) for square in cover(name, part, section.patch_px, section.scales)]
     for crop in crops:
         crop.add_frame(image, section)
     return crops
@@ -101,14 +101,14 @@ def cut_crops(name: str, part: Rectangle, image: NDArray[np.uint8], section: Tex
 
 def read_clip(
     clip: Sequence[Path], names: Mapping[Path, str], section: TexturesSection
-) -> tuple[list[str], list[VideoCrop], list[SkippedFile]]:
+) -> tuple[list[str], list[CropCandidate], list[SkippedFile]]:
     """Read a clip, one frame at a time.
 
     ``clip`` has the files of its frames (a still image has one), and ``names`` has the name of each file. Returns the
     names of the frames, the crops, and the files that were skipped: unreadable files, and frames whose size or EXIF
     orientation differs from the first frame's.
     """
-    used, crops, skipped = list[str](), list[VideoCrop](), list[SkippedFile]()
+    used, crops, skipped = list[str](), list[CropCandidate](), list[SkippedFile]()
     shape: tuple[int, ...] = ()
     for path in clip:
         try:

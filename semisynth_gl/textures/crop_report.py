@@ -29,7 +29,7 @@ _PAPER, _INK = (250, 250, 248), (30, 30, 30)
 
 @dataclass(frozen=True, slots=True)
 class CropCount:
-    """Numbers of an image's crops of one size with each `Outcome`; a square of several frames is one crop."""
+    """Numbers of an image's crops of one size by their `Outcome`; a square of a clip is one crop."""
 
     source: str
     side_px: int
@@ -42,7 +42,7 @@ class CropCount:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextureReport:
-    """The outcome of all images and their crops. Each frame of an image sequence is an image.
+    """The outcome of all images and their crops. A frame of an image sequence counts as an image.
 
     Attributes:
         images_used: images with at least one patch in the atlas.
@@ -51,7 +51,7 @@ class TextureReport:
         images_skipped: images that could not be used, and why.
         images_not_opened: images that were not needed, because there were enough patches.
         counts: one entry for each image and each side of its squares, in this order.
-        subjects: by the image's name, the name of its subject, for images that share a subject; see `Patch`.
+        subjects: name of the subject by the image's name, only for subjects that several images share; see `Patch`.
         patch_px: side of a patch.
     """
 
@@ -66,7 +66,7 @@ class TextureReport:
 
     @property
     def surface_shares(self) -> dict[str, float]:
-        """By image name, the share of surfaces with patches of the image, sum 1; large patches are ignored."""
+        """The expected share of the surfaces that show an image, by the image's name, sum 1, without large patches."""
         kept = [count.source for count in self.counts for _ in range(count.kept)]
         chances = patch_chances([self.subjects.get(source, source) for source in kept])
         shares: dict[str, float] = defaultdict(float)
@@ -116,10 +116,10 @@ def _group(source: str) -> str:
     return source.rsplit("/", 1)[0] if source.startswith("procedural/") else source
 
 
-def draw_texture_sheet(
+def make_texture_sheet(
     report: TextureReport, patches: Iterable[tuple[str, NDArray[np.uint8]]], title: str
 ) -> Image.Image:
-    """Draw patches, grouped by image.
+    """Make an image of all patches, grouped by the image that they are cut from.
 
     Args:
         report: the report of the atlas.
@@ -143,7 +143,7 @@ def draw_texture_sheet(
 
 
 def _label(text: str, width_px: int) -> Image.Image:
-    """Draw a line of text. Too long a text loses its beginning, since the ends of names differ more."""
+    """Return an image of a line of text. A long text loses its beginning, since names differ more at their ends."""
     font, text = ImageFont.load_default(_TEXT_PX), printable(text)
     while font.getlength(text) > width_px:
         text = f"...{text.removeprefix('...')[1:]}"

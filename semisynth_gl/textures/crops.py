@@ -10,7 +10,7 @@ from PIL import Image
 from semisynth_gl.textures.borders import Rectangle
 
 FINGERPRINT_NORM = 1000
-"""Euclidean length of a fingerprint, up to rounding."""
+"""Euclidean length of a `fingerprint`, up to rounding."""
 
 LUMINANCE = (299, 587, 114)
 """Thousandths of red, green and blue in luminance, by ITU-R BT.601."""
@@ -119,7 +119,7 @@ def sharpness_measure(patch: NDArray[np.uint8]) -> float:
         finer, pairs = sums, sums[::2] + sums[1::2]
         sums = pairs[:, ::2] + pairs[:, 1::2]
         energy = 4 * int(np.square(finer).sum()) - int(np.square(sums).sum())
-        # The sums have 16^octave times the energy of means, and are 4^octave times fewer.
+        # The squares of sums are 16^octave times those of means, and there are 4^octave times fewer of them.
         energies.append(energy / 4 ** (octave + 1))
     finest, _, third = energies
     if third == 0:
@@ -152,9 +152,9 @@ class DuplicateFinder:
         self._fingerprints = np.empty((0, 2 * _GRID_CELLS * (_GRID_CELLS - 1)), np.float32)
 
     def find(self, patches: Sequence[NDArray[np.uint8]]) -> list[int]:
-        """Return the numbers of the duplicates among the crops of an image.
+        """Return the indices of the duplicates among the crops of an image.
 
-        If two crops look alike, the second is the duplicate. Crops of later images are compared with the first.
+        A crop is a duplicate if it looks like an earlier crop of this image, or of an image given before.
         """
         if not patches:
             return []

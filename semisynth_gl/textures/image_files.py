@@ -15,34 +15,28 @@ from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, files_below
 from semisynth_gl.textures.images import image_extensions
 
-# Middlebury's and ETH3D's masks, and KITTI's folders of maps.
+# Names of Middlebury's and ETH3D's masks, and of KITTI's folders of maps.
 _MASKS = ("mask0nocc.png", "mask1nocc.png")
 _MAPS = re.compile(r"(disp|disp_refl|flow)_(occ|noc)(_[01])?|obj_map")
 
 
 def find_images(sources: Sequence[str | Path]) -> list[Path]:
-    """Return the image files of the sources, which `find_files` finds with `image_extensions`.
-
-    Files for which `beside_photographs` is true are left out, even if a source is the path of such a file.
+    """Return the image files of the sources (see `find_files`), without masks and maps of stereo datasets.
 
     Raises:
         InputError: where a source matches no image.
     """
     for source in sources:
-        if all(map(beside_photographs, find_files([source], image_extensions()))):
+        if all(map(_is_mask_or_map, find_files([source], image_extensions()))):
             raise InputError(
                 f"no image matches {str(source)!r}: expected an image file, a folder with images in it, or a glob such "
                 "as 'photos/**/*.jpg'. Convert HEIC and camera raw files to JPEG, PNG or TIFF first"
             )
-    return [path for path in find_files(sources, image_extensions()) if not beside_photographs(path)]
+    return [path for path in find_files(sources, image_extensions()) if not _is_mask_or_map(path)]
 
 
-def beside_photographs(path: Path) -> bool:
-    """Return whether a file is a mask or a map that lies beside the photographs of Middlebury, ETH3D or KITTI.
-
-    We decide by name: the file is called ``mask0nocc.png`` or ``mask1nocc.png``, or its folder is one of KITTI's
-    folders for disparities, objects or flow.
-    """
+def _is_mask_or_map(path: Path) -> bool:
+    """Return whether a file has the name of a mask, or is in a folder with the name of KITTI's maps."""
     return path.name in _MASKS or _MAPS.fullmatch(path.parent.name) is not None
 
 
@@ -50,9 +44,9 @@ def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> li
     """Return the files of the sources, sorted by path; a file that is found twice, or through a link, appears once.
 
     A source is a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` matches any
-    folders; folders that match are searched, too. ``~`` is the home folder. If a source is a file, it is returned with
-    any extension. In folders and globs, only files with one of ``extensions`` are found. These are in lower case with
-    their dot, and match upper case in a file's name, too. A source that matches nothing adds no file.
+    folders; folders that match are searched as well. ``~`` is the home folder. A source that is a file is returned with
+    any extension. In folders and globs, only files with one of ``extensions`` are found. Extensions are given in lower
+    case with their dot, but may have any case in a file's name. A source that matches nothing adds no file.
     """
     found: set[Path] = set()
     for source in map(expanded, sources):
@@ -71,7 +65,7 @@ def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> li
 
 
 def reaching_source(folder: Path, sources: Sequence[str]) -> str | None:
-    """Return the first source that would match images in a future output folder; None if no source would."""
+    """Return the first source in which images of a future output folder would be found; None if there is none."""
     real = Path(os.path.realpath(folder))
     return next((source for source in sources if _reaches(expanded(source), real)), None)
 

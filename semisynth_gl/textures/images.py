@@ -24,7 +24,7 @@ _FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF
 _WHITES = (255, 1023, 4095, 16383, 65535)
 """The level of white in 16-bit files from cameras with 8, 10, 12, 14 and 16 bits."""
 
-_SAMPLED = 8
+_SAMPLES = 8
 """Number of files that are read to find the bit depth of a folder's 16-bit images."""
 
 
@@ -40,9 +40,9 @@ def _formats() -> tuple[str, ...]:
 
 @cache
 def image_extensions() -> frozenset[str]:
-    """Return the file name extensions of images, in lower case and with their dot: all that Pillow decodes except .pfm.
+    """Return the file name extensions of images that Pillow decodes, in lower case and with their dot.
 
-    Stereo datasets store disparity in PFM files.
+    .pfm is left out, since stereo datasets store disparity in PFM files.
     """
     formats = frozenset(_formats())
     return frozenset(end for end, name in Image.registered_extensions().items() if name in formats and end != ".pfm")
@@ -75,7 +75,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
             more than `MAX_PIXELS` pixels.
     """
     with _opened(path) as image:
-        # Before this image's pixels are decoded, so that only one image is in memory.
+        # Find the level before this image is decoded, so that only one image is in memory.
         level = _folder_level(path.parent, path.suffix) if _has_16_bits(image) else 0
         ImageOps.exif_transpose(image, in_place=True)
         if image.mode == "F":
@@ -93,9 +93,9 @@ def _opened(path: Path) -> Iterator[Image.Image]:
     """Open an image and check its size; any error in the ``with`` block becomes an `ImageError`."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about metadata, and about sizes that are decided here
-            # Pass a file object. If given a path, Pillow 13.0 memory-maps uncompressed TIFF and, for images that EXIF
-            # rotates by 90 degrees, uses the wrong row length.
+            warnings.simplefilter("ignore")  # about metadata, and about large images, which `_check_size` refuses
+            # Pass a file object: given a path, Pillow 13.0 memory-maps uncompressed TIFF, with the wrong row length if
+            # EXIF rotates the image by 90 degrees.
             with path.open("rb") as file:
                 pointer = file.peek(len(LFS_POINTER)).startswith(LFS_POINTER)
                 with Image.open(file, formats=_formats()) as image:
@@ -122,7 +122,7 @@ def _has_16_bits(image: Image.Image) -> bool:
 
 
 def _grey(path: Path, image: Image.Image, level: int) -> NDArray[np.uint8]:
-    """Return an image of more than 8 bits as 8-bit grey, (H, W); ``level`` is the highest level of its folder."""
+    """Return an image of more than 8 bits as 8-bit grey, (H, W), given the result ``level`` of `_folder_level`."""
     values: NDArray[Any] = np.asarray(image)
     low, high = values.min(), values.max()
     if not (low >= 0 and high <= _WHITES[-1]):
@@ -136,7 +136,7 @@ def _folder_level(folder: Path, suffix: str) -> int:
     """Return the highest level in a sample of a folder's 16-bit grey images with this suffix."""
     files = sorted(path for path in folder.iterdir() if path.suffix == suffix)
     highest = 0
-    for path in (files[number] for number in spread(len(files), _SAMPLED)):
+    for path in (files[number] for number in spread(len(files), _SAMPLES)):
         with suppress(ImageError), _opened(path) as image:
             if _has_16_bits(image):
                 highest = max(highest, int(np.asarray(image).max()))

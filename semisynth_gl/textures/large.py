@@ -1,4 +1,4 @@
-"""Cuts large patches: the largest square of an image, for surfaces on which a small patch would repeat."""
+"""Cuts large patches, for surfaces on which a small patch would repeat: the largest squares of images."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -24,9 +24,9 @@ def with_large_patches(
 ) -> Atlas:
     """Return an atlas with large patches added: one for each subject, up to `MOST_LARGE`.
 
-    Subjects are chosen in random order, with a random one of their images. A patch is the largest square of its image,
-    inside black borders and at a random position. Images smaller than the patch are enlarged: near walls are blurred in
-    photographs, too. Patches are cut only from ``images``, given by name, even if the atlas has further images.
+    Subjects are chosen in random order, and one of their images at random. A patch is the largest square of its image,
+    inside black borders and at a random position. Images smaller than the patch are enlarged: in photographs, near
+    walls are blurred as well. ``images`` are given by name; the atlas's further images get no large patches.
     """
     subjects = {patch.source: patch.subject for patch in atlas.patches if patch.source in images}
     if not subjects:

@@ -1,4 +1,4 @@
-"""Draws marks on painted pictures with Pillow: shapes, plants, lettering."""
+"""Paints marks on pictures with Pillow: shapes, plants, lettering."""
 
 from collections.abc import Callable
 from functools import cache
@@ -15,10 +15,12 @@ ba be bo bra ca ce chi co cra da de di do dra el en fa fi flo ga go gri ha hi ka
 no o pa pe pi plo ra re ri ro sa se shi so sta ta te ti to tra u va ve vi wa wi xa ya yo za
 """)
 SHEET_PX = 2 * SIDE_PX
-"""Sides of the image to draw shapes on, px. It is reduced afterwards, since Pillow draws hard edges."""
+"""Sides of the image on which shapes are painted, px. It is reduced afterwards, since Pillow paints hard edges."""
 
-Array = NDArray[np.float64]
-"""Colours of 0 to 255, (N, 3) or (3,), or a point, (2,) x and y, px."""
+Colours = NDArray[np.float64]
+"""Colours of 0 to 255, (N, 3) or (3,)."""
+Point = NDArray[np.float64]
+"""x and y, px, (2,)."""
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom, pixels."""
 Pen = ImageDraw.ImageDraw
@@ -28,7 +30,7 @@ font = cache(cast("Callable[[int], ImageFont.FreeTypeFont]", ImageFont.load_defa
 
 
 def blank(paper: ArrayLike, wide: int = SHEET_PX, high: int = SHEET_PX) -> tuple[Image.Image, Pen]:
-    """Return an image of one colour to draw on, and its drawing interface."""
+    """Return an image of one colour, and the pen that paints on it."""
     image = Image.new("RGB", (wide, high), colour(paper))
     return image, ImageDraw.Draw(image)
 
@@ -39,7 +41,7 @@ def as_image(levels: ArrayLike) -> Image.Image:
 
 
 def around(x: float, y: float, radius: float) -> tuple[float, float, float, float]:
-    """Return the box, as in `Box`, around a disc at x, y."""
+    """Return left, top, right and bottom of the box around a disc at x, y."""
     return x - radius, y - radius, x + radius, y + radius
 
 
@@ -56,8 +58,8 @@ def _turned(angle_rad: float) -> NDArray[np.float64]:
     return np.array([[np.cos(angle_rad), np.sin(angle_rad)], [-np.sin(angle_rad), np.cos(angle_rad)]])
 
 
-def shape(pen: Pen, rng: np.random.Generator, x: float, y: float, size: float, inks: Array) -> None:
-    """Draw a shape of a random kind around a point: a disc, rings, a slice, bars, a triangle or a word."""
+def shape(pen: Pen, rng: np.random.Generator, x: float, y: float, size: float, inks: Colours) -> None:
+    """Paint a shape of a random kind around a point: a disc, rings, a slice, bars, a triangle or a word."""
     kind, ink, other = int(rng.integers(6)), colour(pick(rng, inks)), colour(pick(rng, inks))
     if kind == 0:
         pen.ellipse(around(x, y, size / 2), fill=ink)
@@ -78,9 +80,9 @@ def shape(pen: Pen, rng: np.random.Generator, x: float, y: float, size: float, i
 
 
 def leaf(
-    pen: Pen, rng: np.random.Generator, at: Array, angle_rad: float, length: float, wide: float, tint: Array
+    pen: Pen, rng: np.random.Generator, at: Point, angle_rad: float, length: float, wide: float, tint: Colours
 ) -> None:
-    """Draw a leaf or a petal, beginning at the stem: a shadow, two halves, veins; ``wide`` is its width over length."""
+    """Paint a leaf or a petal from its stem: a shadow, two halves, veins; ``wide`` is its width over its length."""
     t, turn = np.linspace(0, 1, 8), length * _turned(angle_rad)
     spine = np.stack([t, rng.uniform(-0.5, 0.5) * t * (1 - t)], axis=1)
     breadth = np.outer(wide * np.sin(np.pi * t**0.8), (0, 1))
@@ -94,16 +96,16 @@ def leaf(
     _line(pen, middle, pale, 0.018 * length)
 
 
-def flower(pen: Pen, rng: np.random.Generator, at: Array, radius: float, ink: Array, heart: Array) -> None:
-    """Draw a flower with petals of a colour."""
+def flower(pen: Pen, rng: np.random.Generator, at: Point, radius: float, ink: Colours, heart: Colours) -> None:
+    """Paint a flower with petals of the colour ``ink``."""
     petals, turn = int(rng.integers(4, 13)), rng.uniform(0, 7)
     for angle in turn + np.linspace(0, 2 * np.pi, petals, endpoint=False):
         leaf(pen, rng, at, angle, radius, 2 / petals, ink + rng.normal(0, 16))
     pen.ellipse(around(at[0], at[1], 0.28 * radius), fill=colour(heart), outline=colour(heart * 0.56), width=2)
 
 
-def fitted(text: str, width_px: float, largest_px: int) -> ImageFont.FreeTypeFont:
-    """Return the font size, from 8 to ``largest_px`` px, in which a text is about ``width_px`` wide, as a font."""
+def fitting_font(text: str, width_px: float, largest_px: int) -> ImageFont.FreeTypeFont:
+    """Return the font in which a text is about ``width_px`` wide; its size is 8 to ``largest_px`` px."""
     return font(max(8, min(largest_px, int(20 * width_px / max(font(20).getlength(text), 1)))))
 
 
@@ -134,7 +136,7 @@ def lettering(
             x += letters.getlength(text) + 0.28 * size_px
 
 
-def block(image: Image.Image, rng: np.random.Generator, box: Box, paper: Array) -> None:
+def block(image: Image.Image, rng: np.random.Generator, box: Box, paper: Colours) -> None:
     """Fill a box of an image with a picture of clouds and shapes, a headline, or text.
 
     On dark paper, the text looks like a program's source.

@@ -1,4 +1,4 @@
-"""Prepares a dataset's atlas from the source that the config names: builds it once, then loads it from the cache."""
+"""Prepares a split's atlas from the source that the config names: builds it once, then loads it from the cache."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
@@ -23,11 +23,11 @@ from semisynth_gl.textures.subjects import group_by_subject
 
 # Maximum number of pictures that are kept in memory until large patches are cut from them.
 _REMEMBERED = 256
-# The ``purpose`` with which `Split.select` distributes photographs.
+# The ``purpose`` in `Split.select` for photographs.
 _PHOTOGRAPHS = 0
-# Keys without influence on the patches: all but ``images`` decide how patches are mapped to models. The cache's key
-# lists the files that ``images`` matches.
-_NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy", "wrap"}
+# Keys of the section that the cache's key leaves out. It lists the files that ``images`` matches. The other
+# keys only decide how patches are mapped to models.
+_NOT_IN_KEY = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy", "wrap"}
 
 
 def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path] | None = None) -> Atlas:
@@ -45,7 +45,7 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
     if images is None:
         images = split_images(section, split)
     key = {
-        "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
+        "section": section.model_dump(mode="json", exclude=_NOT_IN_KEY),
         "seed": split.seed,
         "images": list(images),
     }
@@ -79,7 +79,7 @@ def _remembered(pictures: Iterable[PaintedPicture], painted: dict[str, PaintedPi
 def split_images(section: TexturesSection, split: Split) -> list[Path]:
     """Return the files from which a split's patches may be cut, sorted; none if all patches are painted.
 
-    Photographs of one subject are held out together. So are all frames of a folder, and folders of one subject.
+    Photographs of one subject are held out together, and so are frames of one folder, and folders of one subject.
 
     Raises:
         InputError: where no image is found, or there are too few images to hold some out.

@@ -31,7 +31,7 @@ _SHELVES = hex_colours("785234 543c2c ac845a")
 
 
 def _scattered(rng: np.random.Generator, count: int) -> list[tuple[NDArray[np.float64], float]]:
-    """Return random points of a sheet, (2,) x and y, each with a number; the numbers rise from 0 to 1."""
+    """Return random points of a sheet, (2,) x and y, with numbers that rise from 0 to 1."""
     return list(zip(rng.uniform(-60, marks.SHEET_PX + 60, (count, 2)), np.linspace(0, 1, count), strict=True))
 
 
@@ -69,7 +69,7 @@ def flowered(rng: np.random.Generator) -> Pixels:
 
 
 def _printed(rng: np.random.Generator, image: Image.Image) -> Pixels:
-    """Add fibres, folds, stains and grain to a print, (H, W, 3) of 0 to 255, as a camera would show them."""
+    """Add fibres, folds, stains and grain to a print."""
     folds = 0.12 * veins(rng, 40, 512, 0.45) + 0.12 * step(fractal(rng) - 1.4, 1.5)
     return finished(rng, lit(image, 1 - folds + 0.02 * fractal(rng, coarsest_px=32)), grain=4)
 
@@ -89,7 +89,7 @@ def page(rng: np.random.Generator) -> Pixels:
     image, pen = marks.blank(paper, SIDE_PX, SIDE_PX)
     band, wide = int(rng.integers(20, 150)), SIDE_PX // int(rng.integers(2, 5))
     pen.rectangle((0, 0, SIDE_PX, band), fill=colour(inks[0]))
-    pen.text((24, 0.1 * band), title, ink_on(inks[0], inks), marks.fitted(title, SIDE_PX - 48, int(0.72 * band)))
+    pen.text((24, 0.1 * band), title, ink_on(inks[0], inks), marks.fitting_font(title, SIDE_PX - 48, int(0.72 * band)))
     for left in range(16, SIDE_PX, wide):
         top = band + 14
         while top < SIDE_PX:
@@ -149,7 +149,7 @@ def _package(rng: np.random.Generator, wide: int, high: int) -> Image.Image:
     image, pen = marks.blank(inks[0], wide, high)
     for x, y, size in rng.uniform((0, 0, 0.1 * high), (wide, high, 0.4 * high), (int(rng.integers(1, 12)), 3)):
         marks.shape(pen, rng, x, y, size, inks[1:3])
-    letters, top = marks.fitted(brand, 0.7 * wide, int(min(0.6 * high, 75))), int(rng.uniform(0.05, 0.35) * high)
+    letters, top = marks.fitting_font(brand, 0.7 * wide, int(min(0.6 * high, 75))), int(rng.uniform(0.05, 0.35) * high)
     below = top + int(1.35 * letters.size)
     pen.rectangle((0, top, wide, below), fill=colour(inks[3]))
     pen.text((10, top), brand, ink_on(inks[3], inks), letters)

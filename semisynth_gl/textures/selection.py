@@ -14,15 +14,14 @@ from semisynth_gl.inputs.errors import InputError, SkippedFile, abbreviate, coun
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import Rectangle
 from semisynth_gl.textures.canvas import PaintedPicture
-from semisynth_gl.textures.clips import VideoCrop, cut_clips, cut_crops, read_clip
+from semisynth_gl.textures.clips import CropCandidate, cut_clips, cut_crops, read_clip
 from semisynth_gl.textures.crop_report import CropCount, TextureReport
 from semisynth_gl.textures.crops import DuplicateFinder
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.subjects import subject_numbers
 
 PATCHES_PER_SUBJECT = 4
-"""Once the atlas is full and no subject has more patches than this, no more images are opened: decoding takes most of
-the time."""
+"""Once the atlas is full and no subject has more patches than this, no more images are opened: decoding is slow."""
 
 
 def build_atlas(
@@ -33,11 +32,11 @@ def build_atlas(
 ) -> Atlas:
     """Crop squares out of images, and keep crops that have texture, are sharp, and differ from each other.
 
-    Images are opened one at a time in random order. The good crops of an image are added in random order, with
-    alternating scales. A crop that hardly differs from an earlier good crop of any image is a duplicate. If there are
-    more patches than wanted, one is evicted from the fullest image of the fullest subject (see `subject_numbers`). Once
-    the atlas is full and no subject has more than `PATCHES_PER_SUBJECT`, the remaining images are not opened. Files and
-    pictures alternate; when one of them is used up, the others follow.
+    Images are opened one at a time in random order; files and painted pictures alternate as long as there are both. The
+    good crops of an image are added in random order, with alternating scales. A crop that hardly differs from an
+    earlier good crop of any image is a duplicate. While there are more than ``max_patches``, the fullest image of the
+    fullest subject (see `subject_numbers`) loses a patch. Once the atlas is full and no subject has more than
+    `PATCHES_PER_SUBJECT`, the remaining images are not opened.
 
     With ``section.sequence``, clips of successive frames (see `cut_clips`) replace images, and each clip is a subject.
     Crops are not compared, since successive clips of a video look much the same.
@@ -60,7 +59,7 @@ def build_atlas(
     subjects = dict(enumerate([] if section.sequence else subject_numbers(images)))
     skipped, duplicates = list[SkippedFile](), DuplicateFinder(section.min_difference)
     pending = {int(number): clips[number] for number in rng.permutation(len(clips))}
-    opened: dict[int, _Opened] = {}  # by number, in the order of opening
+    opened: dict[int, _ImageCrops] = {}  # by number, in the order of opening
     painted: dict[str, str] = {}
     in_turn = zip_longest(list(pending.items()), enumerate(pictures or (), start=len(clips)))
     for number, image in filter(None, chain.from_iterable(in_turn)):
@@ -77,7 +76,7 @@ def build_atlas(
             for alike in duplicates.find([crop.frames[0] for crop in good]):
                 good[alike].reject("duplicate")
         kept = [crop for crop in good if crop.outcome == "kept"]
-        opened[number] = _Opened(subjects.get(number, number), used, crops, kept)
+        opened[number] = _ImageCrops(subjects.get(number, number), used, crops, kept)
         _evict(opened, section.max_patches)
         if _settled(opened, section.max_patches):
             break
@@ -107,35 +106,35 @@ def build_atlas(
 
 
 @dataclass(slots=True, eq=False)
-class _Opened:
-    """An image or a clip that was opened: its subject, the names of its frames, all crops, and the kept crops."""
+class _ImageCrops:
+    """An image or a clip: its subject, the names of its frames, all its crops, and its crops that are kept."""
 
     subject: int
     frames: list[str]
-    crops: list[VideoCrop]
-    kept: list[VideoCrop]
+    crops: list[CropCandidate]
+    kept: list[CropCandidate]
 
 
-def _by_subject(opened: Mapping[int, _Opened]) -> list[list[_Opened]]:
+def _by_subject(opened: Mapping[int, _ImageCrops]) -> list[list[_ImageCrops]]:
     """Group images that have crops by subject; subjects are in the order in which they were first opened."""
-    groups: dict[int, list[_Opened]] = defaultdict(list)
+    groups: dict[int, list[_ImageCrops]] = defaultdict(list)
     for image in opened.values():
         if image.crops:
             groups[image.subject].append(image)
     return list(groups.values())
 
 
-def _patches(images: Iterable[_Opened]) -> int:
+def _patches(images: Iterable[_ImageCrops]) -> int:
     return sum(len(image.kept) for image in images)
 
 
-def _settled(opened: Mapping[int, _Opened], most: int) -> bool:
+def _settled(opened: Mapping[int, _ImageCrops], most: int) -> bool:
     """Return whether the atlas is full, and no subject has more than `PATCHES_PER_SUBJECT`."""
     sizes = [_patches(images) for images in _by_subject(opened)]
     return sum(sizes) == most and max(sizes) <= PATCHES_PER_SUBJECT
 
 
-def _evict(opened: Mapping[int, _Opened], most: int) -> None:
+def _evict(opened: Mapping[int, _ImageCrops], most: int) -> None:
     """Reject the surplus: the fullest image of the fullest subject loses its last patch, until ``most`` are left.
 
     Once the atlas is full, the largest number of patches of a subject never grows, so an evicted patch is not needed
@@ -148,9 +147,9 @@ def _evict(opened: Mapping[int, _Opened], most: int) -> None:
 
 
 def _report(
-    opened: Mapping[int, _Opened], skipped: Iterable[SkippedFile], not_opened: int, patch_px: int
+    opened: Mapping[int, _ImageCrops], skipped: Iterable[SkippedFile], not_opened: int, patch_px: int
 ) -> TextureReport:
-    """Report the outcome of all images and crops, given skipped files and the number of files that were not opened."""
+    """Report the outcome of all images and crops; ``not_opened`` is the number of files that were not opened."""
     images = [opened[number] for number in sorted(opened)]
     subjects: dict[int, list[str]] = defaultdict(list)
     for image in images:
@@ -168,14 +167,14 @@ def _report(
     )
 
 
-def _counts(crops: Sequence[VideoCrop]) -> Iterator[CropCount]:
+def _counts(crops: Sequence[CropCandidate]) -> Iterator[CropCount]:
     """Yield the numbers of an image's crops with each outcome, by increasing size."""
     for side, of_side in groupby(crops, lambda crop: crop.square.side_px):
         outcomes = Counter[str](crop.outcome for crop in of_side)
         yield CropCount(crops[0].square.source, side, **outcomes)
 
 
-def _alternate_sides(crops: Sequence[VideoCrop], rng: np.random.Generator) -> list[VideoCrop]:
+def _alternate_sides(crops: Sequence[CropCandidate], rng: np.random.Generator) -> list[CropCandidate]:
     """Return crops in random order with alternating sizes, beginning with a random size."""
     sides = np.array([crop.square.side_px for crop in crops], dtype=np.int64)
     queues = [rng.permutation(np.flatnonzero(sides == side)) for side in rng.permutation(np.unique(sides))]

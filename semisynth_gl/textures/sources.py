@@ -40,8 +40,8 @@ class TextureSource:
             `InputError` where files are missing.
         pictures: paints the pictures from which patches are cut, one at a time, until there are enough patches. None
             for a source that paints nothing.
-        licences: returns, by file name, the licence of each of its files; empty if unknown.
-        licence: the licence of everything else: the one in the config, this program's own, or none.
+        licences: returns the licences of its files by file name; empty if unknown.
+        licence: licence of all other images: "config", the config's key ``licences.images``; "own", this program's.
     """
 
     files: Callable[[TexturesSection], Sequence[Path]] = lambda _: ()
@@ -80,7 +80,7 @@ SOURCES: dict[str, TextureSource] = {
 
 
 def describe_source(name: str) -> TextureSource:
-    """Return a source by its name in a config, without importing plug-ins: a plug-in's source then paints nothing."""
+    """Return a source by its name in a config. No plug-in is imported: its source is one that paints nothing."""
     return SOURCES.get(name, TextureSource())
 
 

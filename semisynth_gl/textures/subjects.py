@@ -1,7 +1,7 @@
 """Groups photographs by subject: photographs of one subject show the same thing, such as both views of a stereo pair.
 
 Photographs show one subject if their names differ only in parts that distinguish views, such as ``left`` and ``right``.
-All subjects have equal shares of the surfaces, or smaller shares if they have few patches.
+All subjects have equal shares of the surfaces, but a subject with few patches has a smaller share.
 """
 
 import re
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.errors import counted
 
 MOST_TIMES = 4
-"""A patch is used at most this many times as often as the mean patch, so subjects with few patches are used less."""
+"""Maximum chance of a patch, relative to the mean over all patches: it limits subjects with few patches."""
 
 _MARK = "\0"  # replaces the part that distinguishes views; no name contains it
 
@@ -55,7 +55,7 @@ def group_by_subject(photographs: Sequence[Path]) -> list[list[Path]]:
 
 
 def of_subjects(photographs: int, subjects: int) -> str:
-    """Return words to add to a number of photographs, such as `` of 12 subjects``; empty if all subjects differ."""
+    """Return words such as " of 12 subjects", which follow a number of photographs; "" if all subjects differ."""
     return "" if photographs == subjects else f" of {counted(subjects, 'subject')}"
 
 
@@ -66,7 +66,7 @@ def _subject(path: Path) -> str:
     if frame is not None and _KITTI_FOLDER.fullmatch(path.parent.name):
         stem = frame[1]
     camera = _CAMERA.sub(_MARK, stem)
-    # A name that is only a camera number, such as cam02, stays: such files are different photographs of one camera.
+    # A name that is only a camera's number, such as cam02, stays: its number counts photographs of one camera.
     if re.search(r"[^\W_]", camera):
         stem = camera
     parts = [
@@ -89,12 +89,12 @@ def patch_chances(subjects: Sequence[str]) -> NDArray[np.float64]:
 def equal_shares(counts: Mapping[str, int]) -> dict[str, float]:
     """Return each subject's share of the surfaces, sum 1, given the subject's number of patches.
 
-    Shares are equal, except that a subject whose patches would be used too often (see `MOST_TIMES`) has less.
+    Shares are equal, except for subjects whose patches would be used too often (see `MOST_TIMES`).
     """
     patches, rest = sum(counts.values()), 1.0
     shares = {}
-    # Subjects with few patches come first: the part that exceeds their limit goes to subjects with more patches.
-    for place, name in enumerate(sorted(counts, key=lambda name: (counts[name], name))):
-        shares[name] = min(rest / (len(counts) - place), MOST_TIMES * counts[name] / patches)
+    # Subjects with few patches come first: what exceeds their limit is shared by subjects with more patches.
+    for number, name in enumerate(sorted(counts, key=lambda name: (counts[name], name))):
+        shares[name] = min(rest / (len(counts) - number), MOST_TIMES * counts[name] / patches)
         rest -= shares[name]
     return shares

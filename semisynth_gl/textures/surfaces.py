@@ -39,7 +39,7 @@ _RUST = hex_colours("301a14 70381e a45628 c47c3e 5a3e32")
 def _woven(rng: np.random.Generator, tints: NDArray[np.float64], depth: float, lean: float = 0.0) -> Pixels:
     """Paint cloth of stitches in colours (rows, columns, 3); ``depth`` makes the borders of stitches darker.
 
-    With ``lean``, a stitch has two legs, as in knitting, which meet lower by that part of the stitch's height.
+    With ``lean``, a stitch has two slanted legs, as in knitting; their ends differ by ``lean`` / 2 stitches in height.
     """
     y, x = grid()
     sway = fractal(rng, finest_px=8, persistence=0.6)

@@ -58,5 +58,5 @@ def test_surfaces_wear_subjects_equally_often():
     for seen in numbers_of_patches(config, patches, 12):
         assert len(seen) > 100
         tolerance = 4 * np.sqrt(0.25 / len(seen))  # four standard deviations
-        names = Counter(patches[number].shown for number in seen)
+        names = Counter(patches[number].subject_name for number in seen)
         assert [names[name] / len(seen) for name in counts] == pytest.approx([1 / 3] * 3, abs=tolerance)

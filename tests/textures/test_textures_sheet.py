@@ -11,7 +11,7 @@ from shared_material import SHARED, needs_shared
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.crop_report import draw_texture_sheet
+from semisynth_gl.textures.crop_report import make_texture_sheet
 from semisynth_gl.textures.image_files import printable
 from semisynth_gl.textures.prepare import prepare_atlas
 
@@ -44,7 +44,7 @@ def shows(sheet, tile):
 def test_the_sheet_shows_every_patch_and_the_report_counts_them(photographs):
     atlas = prepare_atlas(section(photographs), Split(0))
     patches = [(patch.source, atlas.pixels(patch)[0, ..., :3]) for patch in atlas.patches]
-    sheet = np.asarray(draw_texture_sheet(atlas.report, patches, "title"))
+    sheet = np.asarray(make_texture_sheet(atlas.report, patches, "title"))
     assert all(shows(sheet, pixels) for _, pixels in patches[::11])
     counted = {(count.source, count.side_px): count.kept for count in atlas.report.counts if count.kept}
     assert counted == Counter((patch.source, patch.side_px) for patch in atlas.patches)

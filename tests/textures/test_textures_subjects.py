@@ -124,19 +124,19 @@ def test_a_subject_has_one_say_however_many_photographs_show_it(tmp_path):
         save(tmp_path / "single", **{f"s{number}": octaves(number, 240, 320)})
     full = built(tmp_path, max_patches=80)  # of 12 photographs with 20 squares each
     assert set(full.report.subjects.values()) == {"many/im0.png"}
-    kept = Counter(patch.shown for patch in full.patches)
+    kept = Counter(patch.subject_name for patch in full.patches)
     assert kept == {"many/im0.png": 16, **{f"single/s{number}.png": 16 for number in range(1, 5)}}
     assert len({patch.source for patch in full.patches}) == 12
     shares = full.report.surface_shares
     assert [shares[f"single/s{number}.png"] for number in range(1, 5)] == pytest.approx([0.2] * 4)
     assert sum(shares[f"many/{name}.png"] for name in many) == pytest.approx(0.2)
     assert "from 12 images of 5 subjects;" in full.report.summary()
-    described = [patch.described().get("subject") for patch in full.patches]
+    described = [patch.as_json().get("subject") for patch in full.patches]
     assert Counter(described) == {"many/im0.png": 16, None: 64}
     # Fewer opened photographs do with fewer patches: no subject has more than another.
-    assert set(Counter(patch.shown for patch in built(tmp_path, max_patches=20).patches).values()) == {4}
+    assert set(Counter(patch.subject_name for patch in built(tmp_path, max_patches=20).patches).values()) == {4}
     # Each subject has one large patch.
     atlas = built(tmp_path, max_patches=60, large_px=96)
-    large = [patch.shown for patch in atlas.patches if patch.large]
-    assert Counter(large) == {patch.shown: 1 for patch in atlas.patches}
+    large = [patch.subject_name for patch in atlas.patches if patch.large]
+    assert Counter(large) == {patch.subject_name: 1 for patch in atlas.patches}
     assert len(large) == 5
