@@ -254,7 +254,7 @@ class StereoCamera(CheckedFields):
     def depth_m(self, disparity_px: Floats | float) -> Floats:
         """Return the planar depth Z = f B / (d + doffs) of disparities in a rectified pair; any shape, float64.
 
-        Inf, negative values and, with a baseline of 0, nan mean no depth. For deviating pairs, see `depth_at`.
+        A depth that is inf, negative or, with a baseline of 0, nan means none. For deviating pairs, see `depth_at`.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.focal_baseline / (np.asarray(disparity_px, np.float64) + self.doffs_px)
@@ -288,7 +288,7 @@ class StereoCamera(CheckedFields):
     def depth_at(self, eye: Eye, x_px: Floats, y_px: Floats, disparity_px: Floats) -> Floats:
         """Return the planar depths in one view, (...) float64 m, of pixels (...) with disparities x_left - x_right.
 
-        Inf, negative values and nan mean no depth.
+        A depth that is inf, negative or nan means none.
         """
         if self.rectified:
             return self.depth_m(disparity_px)

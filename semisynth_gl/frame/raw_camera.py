@@ -17,7 +17,7 @@ COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5,
 
 # Maximum number of Newton steps.
 _STEPS = 30
-# Difference of directions that replaces a derivative by a quotient.
+# Step of the finite differences that replace derivatives.
 _DIFFERENCE = 1e-6
 # Maximum length of a step. With longer ones, a start far from the solution could lead to a wrong solution.
 _LONGEST_STEP = 0.3
@@ -67,7 +67,7 @@ class RawCamera:
         return camera_matrix(self.fx_px, self.fy_px, self.cx_px, self.cy_px)
 
     def distorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Return the directions (...) to which the lens bends directions (...), in the raw camera's frame."""
+        """Return the distorted directions (...) of directions (...), both in the raw camera's frame."""
         k = self.distortion
         r2 = x * x + y * y
         if self.model == "fisheye":
@@ -87,7 +87,7 @@ class RawCamera:
         )
 
     def undistorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Return the directions (...) that the lens bends to directions (...), by Newton's method; nan if it fails."""
+        """Return the directions (...) whose distorted directions are given, by Newton's method; nan if it fails."""
         with np.errstate(all="ignore"):
             u, v = x, y
             if self.model == "fisheye":

@@ -17,7 +17,7 @@ _AMPLE = 8
 # Share of max_px: the near plane cut a surface whose disparity is closer to max_px, since walls and models stay beyond.
 _AT_NEAR_PLANE = 1e-5
 
-# Factor of the smallest disparity in a room: some walls cannot be moved close enough, so smaller disparities pass.
+# A room may have disparities down to this share of the intended minimum: some walls cannot be moved close enough.
 _FAR_BELOW = 0.5
 
 
