@@ -6,8 +6,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 from planted_faults import change_file, checks
 from tiny_datasets import EYE, LENS, cheap, verified, with_lens
@@ -56,11 +54,6 @@ def test_the_formulas_are_opencvs(name):
     x, y = raw.to_raw(pinhole, seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2])
     np.testing.assert_allclose(np.c_[x, y], expected.reshape(-1, 2), atol=1e-8)
     np.testing.assert_allclose(np.c_[raw.to_rectified(pinhole, x, y)], (seen / seen[:, 2:])[:, :2], atol=1e-5)
-
-
-@given(st.tuples(*[st.floats(-0.5, 0.5)] * 3))
-def test_a_rotation_vector_turns_as_opencvs(vector):
-    np.testing.assert_allclose(rotation_of(vector), cv2.Rodrigues(np.array(vector))[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(120, 160, 3), (120, 160)])

@@ -60,14 +60,6 @@ def test_blur_spreads_a_point_evenly():
     assert np.sqrt((blurred * x**2).sum() / blurred.sum()) == pytest.approx(1.5, rel=0.2)
 
 
-def test_blur_keeps_a_symmetric_image_symmetric():
-    quarter = np.random.default_rng(0).integers(0, 256, (20, 30, 3), np.uint8)
-    picture = np.pad(quarter, ((0, 20), (0, 30), (0, 0)), "symmetric")
-    blurred = applied(picture, blur_px=0.6)
-    np.testing.assert_array_equal(blurred, blurred[::-1])
-    np.testing.assert_array_equal(blurred, blurred[:, ::-1])
-
-
 def test_vignetting_is_the_fourth_power_of_a_cosine():
     # Several blocks, and a principal point beside the middle.
     grey, point = np.full((400, 500, 3), 200, np.uint8), (180.0, 260.5)
