@@ -37,7 +37,7 @@ def measure(
 
 
 def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[TruthAtPixels]) -> dict[str, Any]:
-    """Return config, seed, number and sizes (width, height) of the scenes, and numbers of compared and left-out pixels."""
+    """Return config, seed, number and sizes (width, height) of the scenes, and numbers of compared and other pixels."""
     return {
         "config": bench.config.name,
         "config_sha256": bench.config.digest(),
