@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from semisynth_gl.augmentation.resampling import Positions, SamplePoints
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, CameraDeviation, Crop, Eye, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, OCCLUDED, VISIBLE, ViewArrays
+from semisynth_gl.frame.channels import CHANNELS, MOTION_OUTPUTS, OCCLUDED, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 
@@ -63,7 +63,7 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
         array[hidden] = CHANNELS[name].fill
     arrays["image"][hidden] = np.rint(ImageStat.Stat(Image.fromarray(frame.right.image)).mean)
     for name, channel in CHANNELS.items():
-        if channel.output in FLOW_OUTPUTS and channel.mask in arrays:
+        if channel.output in MOTION_OUTPUTS and channel.mask in arrays:
             arrays[channel.mask] = _masked(arrays[channel.mask], arrays[name], hidden)
     left = frame.left
     if "visibility" in left:

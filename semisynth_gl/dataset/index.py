@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from semisynth_gl.dataset.documents import DatasetPlan, ShardRecord
-from semisynth_gl.frame.channels import FLOW_OUTPUTS
+from semisynth_gl.frame.channels import MOTION_OUTPUTS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.scene.sources import SceneSources
@@ -98,7 +98,7 @@ def encode_card(plan: DatasetPlan, index: Mapping[str, Any]) -> bytes:
         licence=licence if known else "other",
         licence_name="" if known else re.sub(r"[^a-z0-9.]+", "-", licence).strip("-."),
         size_category=f"{_SIZES[digits - 4]}<n<{_SIZES[digits - 3]}" if digits > 3 else "n<1K",
-        has_flow=not FLOW_OUTPUTS.isdisjoint(plan.config.outputs),
+        has_flow=not MOTION_OUTPUTS.isdisjoint(plan.config.outputs),
         configs=_configs(plan),
     )
     return card.encode()

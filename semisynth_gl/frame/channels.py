@@ -204,7 +204,7 @@ LENS_OUTPUTS = ("valid", "raw", "raw_map")
 RENDERED_OUTPUTS = tuple(output for output in OUTPUTS if output not in LENS_OUTPUTS)
 """The outputs that the renderer makes."""
 FUTURE_OUTPUTS, PAST_OUTPUTS = frozenset({"flow", "disparity_change"}), frozenset({"flow_backward"})
-FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
+MOTION_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
 """The outputs that need the motion to the next or the previous frame."""
 
 ROLES: Mapping[str, tuple[Eye, Channel[Any]]] = {

@@ -14,7 +14,7 @@ from semisynth_gl.codecs.jpeg import JPEG
 from semisynth_gl.codecs.json_object import JsonObject
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, ViewArrays
+from semisynth_gl.frame.channels import CHANNELS, MOTION_OUTPUTS, ViewArrays
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts.layout import Layout, PairKey, view_stems
 from semisynth_gl.layouts.roles import ROLES, StorablePair
@@ -42,7 +42,7 @@ _FLOW = {
     channel.role(eye): view_stems(_SCENE, "{channel}{n}")[channel.role(eye)]
     for eye in EYES
     for channel in CHANNELS.values()
-    if channel.output in FLOW_OUTPUTS
+    if channel.output in MOTION_OUTPUTS
 }
 # y_left - y_right, in pairs that are not rectified.
 _VERTICAL = {"disparity_y_left": "disp0y", "disparity_y_right": "disp1y"}

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, TruthViews
+from semisynth_gl.frame.channels import CHANNELS, MOTION_OUTPUTS, TruthViews
 from semisynth_gl.layouts.roles import ROLES, FileRole
 from semisynth_gl.seeds.splits import SplitName
 
@@ -52,7 +52,7 @@ class PairKey:
 
 def sequence_length(config: Config) -> int | None:
     """Return the number of frames in a sequence of a dataset with flow; None without flow."""
-    return config.sequence.length if FLOW_OUTPUTS.intersection(config.outputs) else None
+    return config.sequence.length if MOTION_OUTPUTS.intersection(config.outputs) else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

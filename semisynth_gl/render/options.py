@@ -9,9 +9,9 @@ from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import (
     ANTIALIASING,
     CHANNELS,
-    FLOW_OUTPUTS,
     FUTURE_OUTPUTS,
     LENS_OUTPUTS,
+    MOTION_OUTPUTS,
     PAST_OUTPUTS,
     RENDERED_OUTPUTS,
     TRUTH_VIEWS,
@@ -32,7 +32,7 @@ def pass_of(channel: Channel[Any]) -> str:
     """Return the pass that writes a channel. The renderer does not make the channels of "lens"; the caller does."""
     if channel.name in LENS_OUTPUTS:
         return "lens"
-    if channel.output in FLOW_OUTPUTS:
+    if channel.output in MOTION_OUTPUTS:
         return "flow"
     return channel.name if channel.name in ("visibility", "correspondence") else "drawing"
 
@@ -97,7 +97,7 @@ class RenderOptions:
     @property
     def flow(self) -> bool:
         """Whether the flow pass runs."""
-        return bool(self.outputs & FLOW_OUTPUTS)
+        return bool(self.outputs & MOTION_OUTPUTS)
 
     @property
     def corresponds(self) -> bool:

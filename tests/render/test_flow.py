@@ -10,7 +10,7 @@ from tiny_datasets import lean
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.rig_sections import CameraSection
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.channels import FLOW_OUTPUTS, OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import MOTION_OUTPUTS, OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import sample_plane
@@ -26,7 +26,7 @@ METRE = 1.0 / CAMERA.focal_px
 def moving():
     """A small config with much motion: the camera's, and falling, drifting, spinning models."""
     config = lean(sequence={"length": 3, "frame_s": 0.1}, camera={"sway_m": [0.02, 0.1], "sway_deg": 2.0})
-    return config.model_copy(update={"outputs": ("visibility", *FLOW_OUTPUTS)})
+    return config.model_copy(update={"outputs": ("visibility", *MOTION_OUTPUTS)})
 
 
 def shifted(matrix, x=0.0, y=0.0, z=0.0):
@@ -38,7 +38,7 @@ def shifted(matrix, x=0.0, y=0.0, z=0.0):
 @pytest.fixture
 def draw(open_renderer):
     """Draw squares, and where they are next."""
-    renderer = open_renderer([SQUARE], noise_layers(1, 64), outputs=FLOW_OUTPUTS)
+    renderer = open_renderer([SQUARE], noise_layers(1, 64), outputs=MOTION_OUTPUTS)
 
     def drawn(now, then, *, near_m=0.01, instance=None):
         current = one_model(CAMERA, now, near_m=near_m)

@@ -17,7 +17,7 @@ from tiny_datasets import cheap
 
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.channels import FLOW_OUTPUTS, RENDERED_OUTPUTS
+from semisynth_gl.frame.channels import MOTION_OUTPUTS, RENDERED_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import context, osmesa
@@ -27,7 +27,7 @@ from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene import sources
 from semisynth_gl.scene.scene import make_scene, move
 
-STILL = tuple(output for output in RENDERED_OUTPUTS if output not in FLOW_OUTPUTS)
+STILL = tuple(output for output in RENDERED_OUTPUTS if output not in MOTION_OUTPUTS)
 CAMERA = StereoCamera.centred(60, 40, 40.0, 0.1)
 SIMPLE = one_model(CAMERA, [facing(CAMERA, 0, 0, 60, 40, 2.0), facing(CAMERA, 10, 5, 8.5, 9, 1.0)])
 
