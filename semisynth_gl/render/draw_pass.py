@@ -19,7 +19,7 @@ from semisynth_gl.render.options import OF_BOTH_VIEWS
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
 from semisynth_gl.render.resources import RenderResources
-from semisynth_gl.render.target_pool import COLOUR, DrawnPair, TargetPool
+from semisynth_gl.render.target_set import COLOUR, DrawnPair, TargetSet
 from semisynth_gl.render.targets import EyeTargets, window
 from semisynth_gl.scene.scene import Scene
 
@@ -40,7 +40,7 @@ class DrawPass:
         self._edges = EdgeBlendPass(resources, self._occlusion) if self._options.outlines else None
 
     def draw(
-        self, transforms: Sequence[InstanceTransforms], crop: Crop | None, pool: TargetPool
+        self, transforms: Sequence[InstanceTransforms], crop: Crop | None, target_set: TargetSet
     ) -> Iterator[DrawnPair]:
         """Draw the pairs of a scene with one or more cameras, or the parts of the pairs that a crop needs.
 
@@ -49,7 +49,7 @@ class DrawPass:
         Args:
             transforms: the scene's instances, with each of the cameras.
             crop: the part of both images that the caller wants, or None for all of it.
-            pool: the targets of the image size.
+            target_set: the targets of the image size.
 
         Yields:
             Each pair; read it before asking for the next pair. Its views already hold the antialiased image, if that
@@ -59,12 +59,12 @@ class DrawPass:
         shared, names = len(transforms) > 1, self._attachments["left"]
         if shared:
             names = tuple("inverse_depth" if name == "disparity" else name for name in names)
-        left = pool.drawn("shared left" if shared else "left", names)
-        right = pool.drawn("right", self._attachments["right"])
+        left = target_set.with_depth("shared left" if shared else "left", names)
+        right = target_set.with_depth("right", self._attachments["right"])
         seen: dict[str, Any] = {}
         for each in transforms:
             self._find_light(each)
-            pair = DrawnPair(each, crop, pool, {"left": left, "right": right}, {"left": seen, "right": {}})
+            pair = DrawnPair(each, crop, target_set, {"left": left, "right": right}, {"left": seen, "right": {}})
             if each is transforms[0]:
                 self._draw(pair, "left", parts["left"])
             if shared:
@@ -73,12 +73,12 @@ class DrawPass:
             yield pair
             seen = {name: read for name, read in seen.items() if name not in OF_BOTH_VIEWS}
 
-    def draw_image(self, transforms: InstanceTransforms, eye: Eye, pool: TargetPool) -> NDArray[np.uint8]:
+    def draw_image(self, transforms: InstanceTransforms, eye: Eye, target_set: TargetSet) -> NDArray[np.uint8]:
         """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""
         self._find_light(transforms)
         if self._options.factor > 1:
-            return self._draw_samples(transforms, eye, None, pool)
-        targets = pool.drawn("image", COLOUR)
+            return self._draw_samples(transforms, eye, None, target_set)
+        targets = target_set.with_depth("image", COLOUR)
         self._draw_view(transforms, eye, None, targets)
         self._smooth(transforms, eye, targets, None)
         image: NDArray[np.uint8] = targets.read("colour")
@@ -165,7 +165,7 @@ class DrawPass:
             self._draw_view(pair.transforms, eye, part, pair.eyes[eye])
             self._smooth(pair.transforms, eye, pair.eyes[eye], pair.crop)
         if self._options.factor > 1:
-            pair.views[eye]["image"] = self._draw_samples(pair.transforms, eye, pair.crop, pair.pool)
+            pair.views[eye]["image"] = self._draw_samples(pair.transforms, eye, pair.crop, pair.targets)
 
     def _draw_view(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None, targets: EyeTargets) -> None:
         """Draw a part of one eye's view, or all of it, with one sample a pixel."""
@@ -187,16 +187,16 @@ class DrawPass:
             self._edges.draw(transforms, eye, targets, part, lit=transforms.scene.projector is not None)
 
     def _draw_samples(
-        self, transforms: InstanceTransforms, eye: Eye, crop: Crop | None, pool: TargetPool
+        self, transforms: InstanceTransforms, eye: Eye, crop: Crop | None, target_set: TargetSet
     ) -> NDArray[np.uint8]:
         """Draw one eye's colour, or a crop of it, with several samples a pixel; return the image."""
         factor = self._options.factor
-        fine = pool.drawn("fine", COLOUR, factor)
-        mean = pool.computed("mean", fine.attachments)
+        fine = target_set.with_depth("fine", COLOUR, factor)
+        mean = target_set.without_depth("mean", fine.attachments)
         # Draw hidden instances, too: what is hidden at the centres of pixels may be visible between them.
         filled = self._resources.models.fill(transforms, eye, crop)
         self._resources.constants.write(transforms.scene, eye)
-        fine.limit(None if crop is None else Crop(*(factor * each for each in window(crop, pool.size))))
+        fine.limit(None if crop is None else Crop(*(factor * each for each in window(crop, target_set.size))))
         fine.clear()
         self._draw_models(fine, filled, transforms.scene, eye)
         mean.limit(crop)

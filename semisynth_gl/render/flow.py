@@ -12,7 +12,7 @@ from semisynth_gl.render.instance_transforms import InstanceTransforms, Transfor
 from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.programs import link_meshes
 from semisynth_gl.render.resources import RenderResources
-from semisynth_gl.render.target_pool import DrawnPair
+from semisynth_gl.render.target_set import DrawnPair
 from semisynth_gl.render.targets import FLOW, Targets
 from semisynth_gl.render.work_list_steps import WorkListSteps
 from semisynth_gl.scene.scene import Motion
@@ -75,7 +75,7 @@ class FlowPass:
 
         Returns the targets of `FLOW`, which the next call overwrites.
         """
-        drawn, targets = pair.pool.drawn("then", ("depth", "surface")), pair.pool.computed("flow", FLOW)
+        drawn, targets = pair.targets.with_depth("then", ("depth", "surface")), pair.targets.without_depth("flow", FLOW)
         context, models, constants = self._resources.context, self._resources.models, self._resources.constants
         scene = pair.transforms.scene
         filled = models.fill(then, eye)

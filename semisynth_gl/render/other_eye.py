@@ -5,7 +5,7 @@ import numpy as np
 from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
 from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.render.resources import RenderResources
-from semisynth_gl.render.target_pool import DrawnPair
+from semisynth_gl.render.target_set import DrawnPair
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY, Targets
 from semisynth_gl.render.work_list_steps import WorkListSteps
 
@@ -23,7 +23,7 @@ class VisibilityPass:
 
     def draw(self, pair: DrawnPair, eye: Eye) -> None:
         """Fill the targets of one eye's visibility, or a crop of them, from both eyes' disparities and surfaces."""
-        targets, other = pair.pool.computed(f"visibility {eye}", VISIBILITY), OTHER_EYE[eye]
+        targets, other = pair.targets.without_depth(f"visibility {eye}", VISIBILITY), OTHER_EYE[eye]
         targets.limit(pair.crop)
         targets.bind_to_images(visibility=0)
         pair.eyes[eye].bind(disparity=0, surface=2)
@@ -49,7 +49,7 @@ class CorrespondencePass:
         The next call overwrites the targets. In a rectified pair, the correspondences are computed from the view's
         disparities, and the targets' disparity and visibility are not used: other passes compute these better.
         """
-        targets = pair.pool.computed("correspondence", CORRESPONDENCE)
+        targets = pair.targets.without_depth("correspondence", CORRESPONDENCE)
         scene, camera, other = pair.transforms.scene, pair.transforms.scene.camera, OTHER_EYE[eye]
         self._steps.set("rectified", camera.rectified)
         self._steps.set("turn_and_shift", _turn_and_shift(camera, eye))

@@ -9,7 +9,7 @@ from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.options import attachment_of
 from semisynth_gl.render.other_eye import CorrespondencePass, VisibilityPass
 from semisynth_gl.render.resources import RenderResources
-from semisynth_gl.render.target_pool import DrawnPair
+from semisynth_gl.render.target_set import DrawnPair
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY
 from semisynth_gl.scene.scene import Motion
 
@@ -53,7 +53,9 @@ class ReadbackPass:
             if channel.name not in view and (channel is ViewArrays.image or drawn):
                 view[channel.name] = targets.read(attachment_of(channel), pair.crop)
         if self._visibility is not None and rectified and eye in self._options.truth_eyes:
-            view["visibility"] = pair.pool.computed(f"visibility {eye}", VISIBILITY).read("visibility", pair.crop)
+            view["visibility"] = pair.targets.without_depth(f"visibility {eye}", VISIBILITY).read(
+                "visibility", pair.crop
+            )
 
     def _read_correspondence(self, correspondence: CorrespondencePass, pair: DrawnPair) -> None:
         """Compute and read the correspondences and, for a pair that deviates, disparities and masks."""

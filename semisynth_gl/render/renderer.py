@@ -33,7 +33,7 @@ from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readback_pass import ReadbackPass
 from semisynth_gl.render.readers import PixelReader, read_array
 from semisynth_gl.render.resources import RenderResources
-from semisynth_gl.render.target_pool import TargetPool
+from semisynth_gl.render.target_set import TargetSet
 from semisynth_gl.scene.scene import Motion, Scene
 
 Wrap = Literal["mirror", "repeat"]
@@ -122,7 +122,7 @@ class Renderer:
                 self._resources = RenderResources(
                     self._context, buffers, patches, anisotropies, constants, self._options, read, pattern
                 )
-                self._pools: dict[tuple[int, int], TargetPool] = {}  # by image size, the latest last
+                self._target_sets: dict[tuple[int, int], TargetSet] = {}  # by image size, the latest last
                 self._drawing = DrawPass(self._resources)
                 self._reading = ReadbackPass(self._resources, self._composer)
                 reported = self._gl.error
@@ -214,9 +214,9 @@ class Renderer:
         self._check_request(scene, cameras, motions)
         frames = []
         with self._current():
-            pool = self._pool_of(scene.camera)
+            target_set = self._target_set_of(scene.camera)
             transforms = [self._composer.compose(replace(scene, camera=camera)) for camera in cameras]
-            for pair in self._drawing.draw(transforms, crop, pool):
+            for pair in self._drawing.draw(transforms, crop, target_set):
                 self._finish("draw")
                 self._reading.find_visibility(pair)
                 self._finish("visibility")
@@ -274,14 +274,14 @@ class Renderer:
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"expected some of {', '.join(EYES)}, got {eyes!r}", argument="eyes")
         with self._current():
-            pool = self._pool_of(scene.camera)
+            target_set = self._target_set_of(scene.camera)
             transforms = self._composer.compose(scene)
-            return {eye: self._drawing.draw_image(transforms, eye, pool) for eye in eyes}
+            return {eye: self._drawing.draw_image(transforms, eye, target_set) for eye in eyes}
 
-    def _pool_of(self, camera: StereoCamera) -> TargetPool:
+    def _target_set_of(self, camera: StereoCamera) -> TargetSet:
         """Return the targets of a camera's image size; the targets of the latest sizes are cached."""
-        size, cached = (camera.width_px, camera.height_px), self._pools
-        cached[size] = cached.pop(size) if size in cached else TargetPool(self._resources, size)
+        size, cached = (camera.width_px, camera.height_px), self._target_sets
+        cached[size] = cached.pop(size) if size in cached else TargetSet(self._resources, size)
         if len(cached) > _MOST_SIZES:
             # moderngl binds the framebuffer in use again after it makes a new one, so release none that is in use.
             self._gl.screen.use()

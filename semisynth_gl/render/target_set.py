@@ -11,7 +11,7 @@ from semisynth_gl.render.targets import Attachment, EyeTargets, Targets
 COLOUR = ("colour",)
 
 
-class TargetPool:
+class TargetSet:
     """All targets for images and pairs of one size, each made when a pass first asks for it.
 
     Targets are cached by their ``use`` alone: all calls with one ``use`` must ask for the same attachments and factor.
@@ -20,28 +20,30 @@ class TargetPool:
 
     def __init__(self, resources: RenderResources, size: tuple[int, int]) -> None:
         self._resources, self.size = resources, size
-        self._drawn: dict[str, EyeTargets] = {}
-        self._computed: dict[str, Targets] = {}
+        self._with_depth: dict[str, EyeTargets] = {}
+        self._without_depth: dict[str, Targets] = {}
 
-    def drawn(self, use: str, names: tuple[str, ...], factor: int = 1) -> EyeTargets:
+    def with_depth(self, purpose: str, names: tuple[str, ...], factor: int = 1) -> EyeTargets:
         """Return the targets of a drawing pass with these attachments, ``factor`` times as wide and high."""
-        if use not in self._drawn:
+        if purpose not in self._with_depth:
             resources, size = self._resources, (self.size[0] * factor, self.size[1] * factor)
             blended = resources.options.outlines and "colour" in names
-            self._drawn[use] = EyeTargets(
+            self._with_depth[purpose] = EyeTargets(
                 resources.context, size, names, grey=resources.patches.grey, blended=blended, read=resources.read
             )
-        return self._drawn[use]
+        return self._with_depth[purpose]
 
-    def computed(self, use: str, attachments: dict[str, Attachment]) -> Targets:
+    def without_depth(self, purpose: str, attachments: dict[str, Attachment]) -> Targets:
         """Return the targets of a pass over the whole image."""
-        if use not in self._computed:
-            self._computed[use] = Targets(self._resources.context, self.size, attachments, self._resources.read)
-        return self._computed[use]
+        if purpose not in self._without_depth:
+            self._without_depth[purpose] = Targets(
+                self._resources.context, self.size, attachments, self._resources.read
+            )
+        return self._without_depth[purpose]
 
     def release(self) -> None:
         """Free all targets."""
-        for targets in (*self._drawn.values(), *self._computed.values()):
+        for targets in (*self._with_depth.values(), *self._without_depth.values()):
             targets.release()
 
 
@@ -51,11 +53,11 @@ class DrawnPair:
 
     transforms: InstanceTransforms  # the scene's instances
     crop: Crop | None  # the part of both images that the caller wants, or None for all of it
-    pool: TargetPool  # the targets of the pair's image size
+    targets: TargetSet  # the targets of the pair's image size
     eyes: dict[Eye, EyeTargets]  # the targets with each eye's view
     views: dict[Eye, dict[str, Any]]  # the channels of each eye's view that were read so far, by name
 
     @property
     def area(self) -> Crop:
         """The part of both images that the caller wants, as a rectangle."""
-        return self.crop or Crop(0, 0, *self.pool.size)
+        return self.crop or Crop(0, 0, *self.targets.size)
