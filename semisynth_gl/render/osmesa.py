@@ -57,7 +57,11 @@ class OSMesaContext:
         self._handle: int | None = create((ctypes.c_int * len(attributes))(*attributes), None)
         if not self._handle:
             raise BackendError("OSMesa offers no OpenGL 4.5 core profile")
-        self._make_current()
+        try:
+            self._make_current()
+        except BackendError:
+            self.release()
+            raise
 
     def _make_current(self) -> None:
         if not self._library.OSMesaMakeCurrent(self._handle, self._pixel, _GL_UNSIGNED_BYTE, 1, 1):
@@ -72,7 +76,7 @@ class OSMesaContext:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the context current: code that draws with a different context makes that context current first."""
+        """Leave the context current, since code that uses another context first makes that one current."""
 
     def release(self) -> None:
         """Destroy the context; a second call does nothing."""
