@@ -80,7 +80,7 @@ class DisparityVariants:
         self._constants = ConstantsBuffer(self._gl)
         self._camera_64 = self._gl.buffer(reserve=CAMERA_64.itemsize)
         self._composer = TransformComposer(models)
-        self._models = SceneBuffers(self._gl, models, np.array([_ANY_PATCH]), traced=True)
+        self._models = SceneBuffers(self._gl, models, np.array([_ANY_PATCH]), with_triangles=True)
         self._poses = self._gl.buffer(reserve=1)
         self._targets: EyeTargets | None = None
         self._depth_m: EyeTargets | None = None
@@ -171,12 +171,12 @@ class DisparityVariants:
         self, scene: Scene, eye: Eye, program: moderngl.Program, *, projection: NDArray[np.float64] | None = None
     ) -> None:
         """Draw one eye into the current framebuffer; with ``projection``, depth increases with distance."""
-        filled = self._models.fill(self._composer.compose(scene), eye)
+        ranges = self._models.upload(self._composer.compose(scene), eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"
         self._constants.write(scene, eye, projection=projection)
-        for part in filled:
-            self._models.draw(program, part)
+        for drawn in ranges:
+            self._models.draw(program, drawn)
 
     def _sized(self, scene: Scene) -> EyeTargets:
         size = scene.camera.width_px, scene.camera.height_px

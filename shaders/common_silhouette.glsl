@@ -1,33 +1,34 @@
 // Follows a surface across the image, from the centre of a pixel that shows it to a target position nearby.
 //
-// Depth maps have surfaces only at pixel centres. Whether a surface hides a point between the centres is decided here
-// by the surface's triangles: we walk from the triangle that the pixel shows across shared edges, until we reach the
-// target or the surface turns away at its silhouette.
+// Depth maps know surfaces only at pixel centres. Whether a surface hides a point between the centres is decided by its
+// triangles: we walk from the triangle that the pixel shows across shared edges, until we reach the target or the
+// surface turns back at its silhouette.
 
 #include "common_triangles.glsl"
 
 const uint NO_NEIGHBOUR = 0xFFFFFFFFu;
 const uint MOST_STEPS = 512u;  // maximum number of triangles to cross; in finer meshes the walk may end too early
 const float NOT_COVERED = -1.0;
-// Error of a target position: float32 rounds columns in the thousands, and disparities, by 1e-4.
-const float OFF_PX = 3e-4;
+// Tolerance of a target position, px: column + disparity, each up to some thousands, which float32 rounds by 1e-4.
+const float TARGET_ERROR_PX = 3e-4;
 
-// The smallest 1 / Z of a triangle's plane within OFF_PX of a pixel position. The disparity of a surface at a grazing
-// angle changes by tens of px from pixel to pixel, so without this margin the surface would hide its own points.
+// The smallest 1 / Z of a triangle's plane within TARGET_ERROR_PX of a pixel position. At a grazing angle, disparity
+// changes by tens of px from pixel to pixel, so without this tolerance a surface would hide its own points.
 float least_inverse_depth_at(vec3 a, vec3 b, vec3 c, vec2 pixel) {
     vec3 normal = cross(b - a, c - a);
+    // The derivatives of inverse_depth_at by pixel.x and pixel.y.
     vec2 per_pixel = abs(normal.xy / (focal_px * dot(normal, a)));
-    return inverse_depth_at(a, b, c, pixel) - OFF_PX * (per_pixel.x + per_pixel.y);
+    return inverse_depth_at(a, b, c, pixel) - TARGET_ERROR_PX * (per_pixel.x + per_pixel.y);
 }
 
-// A walk along a surface from a pixel, the start, to a target position.
+// A walk along a surface from the centre of a pixel, the start, to a target position.
 struct Trace {
     Instance instance;
     uint triangle;        // the next triangle to cross
-    uint came_from;
+    uint came_from;       // the previous triangle
     vec2 start;
     vec2 target;
-    float reached;        // along the way, 1 at the target
+    float reached;        // where the walk entered the triangle: 0 at the start, 1 at the target
     uint steps;
     bool ended;
     float inverse_depth;  // the result, when the walk has ended; see surface_at
@@ -37,28 +38,29 @@ Trace trace_from(uvec2 surface, vec2 start, vec2 target) {
     return Trace(instance_at(surface.x), surface.y, NO_NEIGHBOUR, start, target, 0.0, 0u, false, NOT_COVERED);
 }
 
-// Crosses one triangle. Callers that trace several surfaces use a single loop: llvmpipe runs eight invocations at a time,
-// and in nested loops all of them would wait for the slowest invocation at each surface.
+// Crosses one triangle. Callers that trace several surfaces use a single loop: llvmpipe runs eight invocations at a
+// time, and in nested loops all of them would wait for the slowest invocation at each surface.
 void cross_triangle(inout Trace trace) {
-    vec2 way = trace.target - trace.start;
-    float way_squared = dot(way, way);
+    vec2 path = trace.target - trace.start;
+    float path_squared = dot(path, path);
     vec3 corner[3];
     uint neighbour[3];
-    vec2 along_beside[3];  // coordinates of the corners along the way and across it
+    // The corners in the image, relative to the path: x along it, 0 at the start and 1 at the target; y across it.
+    vec2 on_path[3];
     bool in_front = true;
     for (int k = 0; k < 3; ++k) {
         uvec4 bits = corner_bits(trace.triangle, k);
-        corner[k] = in_view(trace.instance, position_of(bits));
+        corner[k] = to_view(trace.instance, position_of(bits));
         neighbour[k] = bits.w;
         in_front = in_front && corner[k].z >= near_m;
         vec2 from_start = focal_px * corner[k].xy / corner[k].z + centre_px - trace.start;
-        along_beside[k] = vec2(dot(from_start, way) / way_squared, from_start.y * way.x - from_start.x * way.y);
+        on_path[k] = vec2(dot(from_start, path) / path_squared, from_start.y * path.x - from_start.x * path.y);
     }
-    // Two of the three edges cross the line of the way. Leave by the farther edge, not by the edge of entry.
+    // Two of the three edges cross the line of the path. Leave by the farther one, but not back to the last triangle.
     float exit = -1e30;
     uint next = NO_NEIGHBOUR;
     for (int k = 0; k < 3; ++k) {
-        vec2 from = along_beside[k], to = along_beside[(k + 1) % 3];
+        vec2 from = on_path[k], to = on_path[(k + 1) % 3];
         uint across = neighbour[k];
         float crossing = mix(from.x, to.x, from.y / (from.y - to.y));
         bool crossed = (from.y > 0.0) != (to.y > 0.0) && (across != trace.came_from || across == NO_NEIGHBOUR);
@@ -67,9 +69,9 @@ void cross_triangle(inout Trace trace) {
             next = across;
         }
     }
-    // A triangle that crosses the near plane has no outline in the image. Assume that it covers the target, as walls do.
-    bool arrived = !in_front || way_squared == 0.0 || exit >= 1.0;
-    // At the silhouette, the surface turns back: the next triangle lies behind this one.
+    // A triangle that crosses the near plane has no outline in the image. Assume that it covers the target.
+    bool arrived = !in_front || path_squared == 0.0 || exit >= 1.0;
+    // At the silhouette, the surface turns back: the walk would leave this triangle before the point where it entered.
     bool left = next == NO_NEIGHBOUR || (trace.steps > 0u && exit < trace.reached) || trace.steps + 1u == MOST_STEPS;
     trace.ended = arrived || left;
     if (arrived) {
@@ -81,8 +83,8 @@ void cross_triangle(inout Trace trace) {
     ++trace.steps;
 }
 
-// 1 / Z of the surface at the target position, less the margin for rounding of the position; NOT_COVERED if the surface
-// ends before the target.
+// 1 / Z of the surface at the target position, less the tolerance of the position; NOT_COVERED if the surface ends
+// before the target.
 float surface_at(uvec2 surface, vec2 start, vec2 target) {
     Trace trace = trace_from(surface, start, target);
     while (!trace.ended) {

@@ -1,6 +1,5 @@
 #version 450 core
-// The disparity of a view from its 1 / Z. A view that several cameras share is drawn once, but each camera has its own
-// f B.
+// The disparity of a left view from its 1 / Z. Several pairs may share the view, each with its own f B.
 
 #include "common_constants.glsl"
 #include "common_disparity.glsl"
@@ -10,6 +9,6 @@ layout(binding = 0) uniform sampler2D inverse_depth;  // negative where nothing 
 layout(location = 0) out float disparity_px;
 
 void main() {
-    float nearness = texelFetch(inverse_depth, ivec2(gl_FragCoord.xy), 0).r;
-    disparity_px = nearness < 0.0 ? INVALID : disparity_at(nearness);
+    float here = texelFetch(inverse_depth, ivec2(gl_FragCoord.xy), 0).r;
+    disparity_px = here < 0.0 ? INVALID : disparity_at(here);
 }

@@ -27,23 +27,23 @@ layout(binding = 1, r32f) writeonly uniform image2D disparity;  // with OTHER_EY
 layout(binding = 2, r8ui) writeonly uniform uimage2D flow_visibility;
 
 struct Move {
-    vec4 turn_and_shift_x;   // rows of R - 1 and of the shift of the centre c: a point c + q moves to c + shift + R q
-    vec4 turn_and_shift_y;
-    vec4 turn_and_shift_z;
-    vec4 centre;             // c, relative to this eye
-    uvec4 then;              // the instance's number at the target moment, or GONE
+    vec4 change_and_shift_x;   // rows of C and s: the point c + q moves to c + s + (I + C) q
+    vec4 change_and_shift_y;
+    vec4 change_and_shift_z;
+    vec4 centre;               // c, relative to this eye
+    uvec4 then;                // the instance's number at the target moment, or GONE
 };
 
 #ifdef OTHER_EYE
 layout(binding = 6) uniform sampler2D own_disparity;
 
-uniform vec4 turn_and_shift[3];  // as in Move, for all instances, about this eye
-uniform vec4 own_lens;           // principal point and focal lengths of this eye; the constants have the other eye's
-uniform vec4 lens_change;        // the other eye's lens minus this eye's, computed in float64
-uniform bool rectified;          // whether disparities are drawn already
+uniform vec4 change_and_shift[3];  // as in Move, for all instances, with c = 0
+uniform vec4 own_lens;             // principal point and focal lengths of this eye; the constants have the other eye's
+uniform vec4 lens_change;          // the other eye's lens minus this eye's, computed in float64
+uniform bool rectified;            // then the disparities are those of own_disparity
 
 Move move_of(uint instance) {
-    return Move(turn_and_shift[0], turn_and_shift[1], turn_and_shift[2], vec4(0.0), uvec4(instance));
+    return Move(change_and_shift[0], change_and_shift[1], change_and_shift[2], vec4(0.0), uvec4(instance));
 }
 #else
 layout(std430, binding = 4) readonly buffer Moves { Move moves[]; };
@@ -53,73 +53,74 @@ Move move_of(uint instance) {
 }
 #endif
 
-// The work list: a listed pixel is a column and a row.
+// The work list, after the number of its entries. An entry is a pixel: column and row, 16 bits each.
 layout(std430, binding = 5) buffer Work {
     uint pixels;
     uint unused[3];
     uint work[];
 };
 
-uniform uvec4 band;  // the part of the image that is judged now: left column, first row, width and height, px
+uniform uvec4 band;  // the part of the image to process: left column, first row, width and height, px
 
 const uint UNDECIDED = 1u;
 const uint GONE = 0xFFFFFFFFu;
 const uint NOTHING = 0xFFFFFFFFu;
-// Relative uncertainty of 1 / Z in float32.
+// A surface hides a point if its 1 / Z is larger by more than this, relative: the rounding of float32.
 const float ROUNDING = 2e-5;
-// Maximum relative deviation of a surface from a plane between four pixels that all show it.
+// Maximum relative difference of a point's 1 / Z from the bilinear interpolation of four pixels that show its surface.
 const float BEND = 2e-4;
-// A surface that is nearer by this share is certainly nearer everywhere between two pixels.
-const float CLEARLY = 0.01;
+// Maximum relative difference of 1 / Z between neighbouring pixels of a surface.
+const float STEEPEST = 0.01;
 
 // The motion of a point to the target moment ("then").
-struct Way {
-    float inverse_depth;       // 1 / Z now
-    float deeper;              // Z then minus Z now, in units of Z now
-    float growth;              // Z then, in units of Z now
+struct Motion {
+    float inverse_depth;  // 1 / Z now
+    float depth_change;   // (Z then - Z now) / Z now
+    float depth_ratio;    // Z then / Z now
     vec2 flow_px;
 };
 
-Way way_of(ivec2 pixel, float depth_m, Move move) {
-    // All lengths are in units of the depth. The displacement is computed directly, not as the difference of two
-    // positions, so its rounding errors are in proportion to it.
+// In units of Z now, the point is ray = ((x - cx) / fx, (y - cy) / fy, 1) now and ray + way then.
+Motion motion_of(ivec2 pixel, float depth_m, Move move) {
     float inverse_depth = depth_m > LARGEST ? 0.0 : 1.0 / depth_m;
 #ifdef OTHER_EYE
     vec3 ray = vec3((vec2(pixel) - own_lens.xy) / own_lens.zw, 1.0);
 #else
     vec3 ray = vec3((vec2(pixel) - centre_px) / focal_px, 1.0);
 #endif
+    // (C q + s) / Z with q = Z ray - c. It is no difference of two positions, so a small motion has small errors.
     vec4 from_centre = vec4(ray - move.centre.xyz * inverse_depth, inverse_depth);
-    vec3 way = vec3(dot(move.turn_and_shift_x, from_centre), dot(move.turn_and_shift_y, from_centre),
-                    dot(move.turn_and_shift_z, from_centre));
-    float growth = 1.0 + way.z;
-    vec2 flow_px = focal_px * (way.xy - ray.xy * way.z) / growth;
+    vec3 way = vec3(dot(move.change_and_shift_x, from_centre), dot(move.change_and_shift_y, from_centre),
+                    dot(move.change_and_shift_z, from_centre));
+    float depth_ratio = 1.0 + way.z;
+    // f ((ray + way).xy / depth_ratio - ray.xy)
+    vec2 flow_px = focal_px * (way.xy - ray.xy * way.z) / depth_ratio;
 #ifdef OTHER_EYE
     flow_px += lens_change.zw * ray.xy + lens_change.xy;
 #endif
-    return Way(inverse_depth, way.z, growth, flow_px);
+    return Motion(inverse_depth, way.z, depth_ratio, flow_px);
 }
 
-// 1 / Z then of the four pixels around a point: x and y are the lower left and right pixels, w and z the upper ones.
-vec4 nearness_around(vec2 target) {
+// 1 / Z then of the four pixels around a position: x and y are the lower left and right pixels, w and z the upper ones.
+vec4 inverse_depths_around(vec2 target) {
     vec2 corner = (floor(target) + 1.0) / vec2(textureSize(then_depth, 0));
     return 1.0 / textureGather(then_depth, corner);
 }
 
 #if STEP == DEPTHS
-// Judges visibility by the depths, then, of the four pixels around the point.
-uint judge(vec2 target, float inverse_depth_then, uint instance_then) {
-    vec4 nearness = nearness_around(target);
-    float nearest = max(max(nearness.x, nearness.y), max(nearness.z, nearness.w));
-    float farthest = min(min(nearness.x, nearness.y), min(nearness.z, nearness.w));
-    uvec4 around = textureGather(then_surface, (floor(target) + 1.0) / vec2(textureSize(then_surface, 0)), 0);
+// The visibility of a point by the four pixels around it, or UNDECIDED.
+uint decide(vec2 target, float inverse_depth_then, uint instance_then) {
+    vec4 corners = inverse_depths_around(target);
+    float nearest = max(max(corners.x, corners.y), max(corners.z, corners.w));
+    float farthest = min(min(corners.x, corners.y), min(corners.z, corners.w));
+    uvec4 instances = textureGather(then_surface, (floor(target) + 1.0) / vec2(textureSize(then_surface, 0)), 0);
     vec2 between = fract(target);
-    float expected = mix(mix(nearness.w, nearness.z, between.x), mix(nearness.x, nearness.y, between.x), between.y);
+    float expected = mix(mix(corners.w, corners.z, between.x), mix(corners.x, corners.y, between.x), between.y);
     bool is_sky = nearest == 0.0;
-    bool goes_on = all(equal(around, uvec4(instance_then))) && (is_sky || nearest - farthest < CLEARLY * nearest
-        && abs(expected - inverse_depth_then) < BEND * inverse_depth_then);
-    bool hidden = farthest > (1.0 + CLEARLY) * inverse_depth_then;
-    return hidden ? OCCLUDED : goes_on ? VISIBLE : UNDECIDED;
+    bool same_surface = all(equal(instances, uvec4(instance_then))) && (is_sky
+        || nearest - farthest < STEEPEST * nearest && abs(expected - inverse_depth_then) < BEND * inverse_depth_then);
+    bool hidden = farthest > (1.0 + STEEPEST) * inverse_depth_then;
+    return hidden ? OCCLUDED : same_surface ? VISIBLE : UNDECIDED;
 }
 
 void main() {
@@ -134,27 +135,28 @@ void main() {
     uint instance = texelFetch(own_surface, pixel, 0).r;
     if (instance != NOTHING) {
         Move move = move_of(instance);
-        Way way = way_of(pixel, depth_m, move);
+        Motion motion = motion_of(pixel, depth_m, move);
 #ifdef OTHER_EYE
-        disparity_px = rectified ? texelFetch(own_disparity, pixel, 0).r : or_invalid(other_from_own * way.flow_px.x);
+        disparity_px = rectified ? texelFetch(own_disparity, pixel, 0).r
+                                 : or_invalid(disparity_sign * motion.flow_px.x);
         if (rectified) {
-            way.flow_px = vec2(other_from_own * disparity_px, 0.0);
+            motion.flow_px = vec2(disparity_sign * disparity_px, 0.0);
         }
         bool known = disparity_px < LARGEST;
 #else
         bool known = true;
 #endif
-        if (known && !(way.growth * depth_m < near_m)) {
-            flow_px = way.flow_px;
-            float inverse_depth_then = way.inverse_depth / way.growth;
+        if (known && !(motion.depth_ratio * depth_m < near_m)) {
+            flow_px = motion.flow_px;
+            float inverse_depth_then = motion.inverse_depth / motion.depth_ratio;
 #ifndef OTHER_EYE
-            if (disparity_at(way.inverse_depth) < LARGEST && disparity_at(inverse_depth_then) < LARGEST) {
-                disparity_px = -focal_baseline * way.inverse_depth * way.deeper / way.growth;
+            if (disparity_at(motion.inverse_depth) < LARGEST && disparity_at(inverse_depth_then) < LARGEST) {
+                disparity_px = -focal_baseline * motion.inverse_depth * motion.depth_change / motion.depth_ratio;
             }
 #endif
             vec2 target = vec2(pixel) + flow_px, end = vec2(textureSize(own_depth, 0) - 1) + 0.5;
             if (!any(lessThan(target, vec2(-0.5))) && !any(greaterThanEqual(target, end))) {
-                seen = move.then.x == GONE ? OCCLUDED : judge(target, inverse_depth_then, move.then.x);
+                seen = move.then.x == GONE ? OCCLUDED : decide(target, inverse_depth_then, move.then.x);
             }
         }
     }
@@ -175,18 +177,17 @@ void main() {
         ivec2 pixel = ivec2(work[item] & 0xFFFFu, work[item] >> 16);
         uvec2 own = texelFetch(own_surface, pixel, 0).rg;
         Move move = move_of(own.x);
-        Way way = way_of(pixel, texelFetch(own_depth, pixel, 0).r, move);
-        float inverse_depth_then = way.inverse_depth / way.growth;
-        vec2 target = vec2(pixel) + way.flow_px;
-        vec4 nearness = nearness_around(target);
-        const ivec2 STEPS[4] = ivec2[4](ivec2(0, 1), ivec2(1, 1), ivec2(1, 0), ivec2(0, 0));
+        Motion motion = motion_of(pixel, texelFetch(own_depth, pixel, 0).r, move);
+        float inverse_depth_then = motion.inverse_depth / motion.depth_ratio;
+        vec2 target = vec2(pixel) + motion.flow_px;
+        vec4 corners = inverse_depths_around(target);
+        const ivec2 OFFSETS[4] = ivec2[4](ivec2(0, 1), ivec2(1, 1), ivec2(1, 0), ivec2(0, 0));
         for (int k = 0; k < 4; ++k) {
-            // A surface cannot hide the point if it is farther by more than a surface rises within a pixel; nor can the
-            // sky.
-            if (nearness[k] == 0.0 || nearness[k] * (1.0 + 2.0 * CLEARLY) < inverse_depth_then) {
+            // A surface does not hide points that are nearer by more than it rises within a pixel. Nor does the sky.
+            if (corners[k] == 0.0 || corners[k] * (1.0 + 2.0 * STEEPEST) < inverse_depth_then) {
                 continue;
             }
-            ivec2 beside = clamp(ivec2(floor(target)) + STEPS[k], ivec2(0), last);
+            ivec2 beside = clamp(ivec2(floor(target)) + OFFSETS[k], ivec2(0), last);
             uvec2 surface = texelFetch(then_surface, beside, 0).rg;
             if (surface != uvec2(move.then.x, own.y)
                 && surface_at(surface, vec2(beside), target) > (1.0 + ROUNDING) * inverse_depth_then) {

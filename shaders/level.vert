@@ -5,7 +5,8 @@ out vec2 corner_coordinate;
 flat out int corner_layer;
 
 void main() {
-    corner_coordinate = vec2((gl_VertexID ^ gl_VertexID >> 1) & 1, gl_VertexID >> 1);
+    const vec2 CORNERS[4] = vec2[4](vec2(0.0, 0.0), vec2(1.0, 0.0), vec2(1.0, 1.0), vec2(0.0, 1.0));
+    corner_coordinate = CORNERS[gl_VertexID];
     corner_layer = gl_InstanceID;
     gl_Position = vec4(corner_coordinate * 2.0 - 1.0, 0.0, 1.0);
 }

@@ -1,9 +1,9 @@
 #version 450 core
-// COLOUR comes only from the patch atlas. ANISOTROPIC takes up to most_samples of it, GREY has one component, and LIT
-// multiplies it by light_on(). The other outputs are truth: DISPARITY; INVERSE_DEPTH (1 / Z), from which disparities of
-// several cameras are computed; DEPTH (planar); INSTANCES (ids from 1); SKY; NORMALS (of the triangle, towards the
-// camera); SURFACE (instance and triangle). SNAPPED is the number of steps in a pixel to which the driver rounds
-// corners of triangles.
+// Colour and truth of a surface. These outputs are optional; if defined, their value is the output's location:
+// COLOUR, only from the patch atlas; DISPARITY; INVERSE_DEPTH (1 / Z), from which disparities of several cameras are
+// computed; DEPTH (planar); INSTANCES (ids from 1); SKY; NORMALS (of the triangle, towards the camera); SURFACE
+// (instance and triangle). For COLOUR, ANISOTROPIC takes up to most_samples samples, GREY writes one component, and LIT
+// multiplies by light_on(). SNAPPED is N if the driver rounds corners of triangles to multiples of 1 / N px.
 
 #include "common_constants.glsl"
 
@@ -16,16 +16,16 @@ flat in int scene_triangle;
 #ifdef SNAPPED
 in vec3 point;
 
-// GPUs first round corners to multiples of 1 / SNAPPED px, so a pixel's centre shows a point that lies up to half a
-// step beside it. The interpolated point gives this offset. Its limit has a margin for rounding, and prevents large
-// corrections on slivers, whose interpolated points are inexact.
+// Rounded corners move a triangle by up to half a step, so a pixel gets the values of a point beside its centre.
+// offset_px is the centre minus that point's projection, and 1 / Z at the centre is w + grad(w) . offset_px. Its limit,
+// half a step and 6 % for rounding, prevents large corrections on slivers, whose interpolated points are inexact.
 float inverse_depth_here() {
     precise vec2 ray = (gl_FragCoord.xy - 0.5 - centre_px) / focal_px;
-    precise vec2 off_px = focal_px * fma(ray, vec2(point.z), -point.xy) / point.z;
+    precise vec2 offset_px = focal_px * fma(ray, vec2(point.z), -point.xy) / point.z;
     const float most_px = 0.53 / float(SNAPPED);
-    vec2 change = vec2(dFdx(gl_FragCoord.w), dFdy(gl_FragCoord.w));
-    precise float here = gl_FragCoord.w + dot(change, clamp(off_px, -most_px, most_px));
-    // Next to the horizon of a ground, the correction may lead to 1 / Z <= 0.
+    vec2 gradient = vec2(dFdx(gl_FragCoord.w), dFdy(gl_FragCoord.w));
+    precise float here = gl_FragCoord.w + dot(gradient, clamp(offset_px, -most_px, most_px));
+    // At the horizon of a ground, 1 / Z may become 0 or negative.
     return max(here, 1e-30);
 }
 #else
@@ -37,10 +37,10 @@ layout(binding = 0) uniform sampler2DArray atlas;
 
 #ifdef GREY
 #define Colour float
-#define seen(texel) (texel).r
+#define components(texel) (texel).r
 #else
 #define Colour vec4
-#define seen(texel) (texel)
+#define components(texel) (texel)
 #endif
 
 layout(location = COLOUR) out Colour colour;
@@ -48,35 +48,36 @@ layout(location = COLOUR) out Colour colour;
 #ifdef ANISOTROPIC
 // Not a constant: llvmpipe would unroll the loop, and take most_samples in all pixels.
 uniform float most_samples;
+// Tolerances of derivatives, so that one texel per pixel comes out bit for bit: the errors may neither add a sample nor
+// mix in the next level. OpenGL does not bound them; near the end of a patch of 2048 texels they reach 1e-3.
+const float RATIO_TOLERANCE = 0.01;  // of the ratio of the longer and the shorter direction
+const float LOD_TOLERANCE = 0.003;   // of the mipmap level
 #endif
 
 Colour patch_colour() {
     vec2 side_texels = vec2(textureSize(atlas, 0).xy);
-    // Drivers round the position between texels down to a multiple of 1/256. Without our rounding, a position 1e-5
-    // below a texel's centre would mix in 1/256 of the neighbouring texel.
-    vec2 position = (patch_coordinate * side_texels - 0.5) * 256.0;
-    vec2 to_step = (round(position) - position) / (256.0 * side_texels);
+    // Drivers round positions between texels down to multiples of 1/256 texel. A position 1e-5 below a texel's centre
+    // would mix in 1/256 of the neighbouring texel, so round to the nearest multiple first.
+    vec2 steps = (patch_coordinate * side_texels - 0.5) * 256.0;
+    vec2 to_nearest_step = (round(steps) - steps) / (256.0 * side_texels);
 #ifndef ANISOTROPIC
-    return seen(texture(atlas, vec3(patch_coordinate + to_step, float(patch_layer))));
+    return components(texture(atlas, vec3(patch_coordinate + to_nearest_step, float(patch_layer))));
 #else
     vec2 dx = dFdx(patch_coordinate), dy = dFdy(patch_coordinate);
     float x_texels = length(dx * side_texels), y_texels = length(dy * side_texels);
     float longer = max(max(x_texels, y_texels), 1e-6);
     // A pixel that covers many texels in one direction and few in the other is sampled several times along the longer
-    // direction. The driver's own anisotropic filter is not used: it has different results, with stray dots on
-    // llvmpipe. One texel per pixel must come out bit for bit, so errors of the derivatives may neither add a sample
-    // nor mix in the next level. OpenGL does not bound these errors; near the end of a patch of 2048 texels, they reach
-    // 1e-3.
-    float taps = clamp(ceil(longer / max(min(x_texels, y_texels), 1.0) - 0.01), 1.0, most_samples);
-    float lod = log2(longer / taps);
-    lod = lod < 0.003 ? 0.0 : lod;
+    // direction. The driver's anisotropic filter is not used: on llvmpipe, it makes stray dots.
+    float samples = clamp(ceil(longer / max(min(x_texels, y_texels), 1.0) - RATIO_TOLERANCE), 1.0, most_samples);
+    float lod = log2(longer / samples);
+    lod = lod < LOD_TOLERANCE ? 0.0 : lod;
     vec2 along = x_texels > y_texels ? dx : dy;
     Colour sum = Colour(0.0);
-    for (float tap = 0.5; tap < taps; tap += 1.0) {
-        vec2 offset = taps > 1.0 ? along * (tap / taps - 0.5) : to_step;
-        sum += seen(textureLod(atlas, vec3(patch_coordinate + offset, float(patch_layer)), lod));
+    for (float number = 0.5; number < samples; number += 1.0) {
+        vec2 offset = samples > 1.0 ? along * (number / samples - 0.5) : to_nearest_step;
+        sum += components(textureLod(atlas, vec3(patch_coordinate + offset, float(patch_layer)), lod));
     }
-    return sum / taps;
+    return sum / samples;
 #endif
 }
 #endif
@@ -118,21 +119,17 @@ layout(location = SURFACE) out uvec2 surface;  // instance, triangle
 #endif
 
 void main() {
+    bool is_sky = gl_FragCoord.z < LEAST_DEPTH;
+    // Not within a branch: its derivatives need the neighbouring pixels, too.
+    float here = inverse_depth_here();
 #ifdef COLOUR
     colour = patch_colour();
 #endif
 #ifdef LIT
-    vec3 over_depth = over_depth_at(gl_FragCoord.xy, gl_FragCoord.w);
+    vec3 over_depth = point_over_depth(gl_FragCoord.xy, gl_FragCoord.w);
     vec3 lit_point = over_depth / gl_FragCoord.w;
     vec3 lit_normal = cross(dFdx(lit_point), dFdy(lit_point));
-    colour *= light_on(over_depth, gl_FragCoord.w, lit_normal, gl_FragCoord.z < LEAST_DEPTH);
-#endif
-#if defined(DISPARITY) || defined(INVERSE_DEPTH) || defined(DEPTH) || defined(SKY)
-    bool is_sky = gl_FragCoord.z < LEAST_DEPTH;
-#endif
-#if defined(DISPARITY) || defined(INVERSE_DEPTH) || defined(DEPTH)
-    // All pixels compute this, even those of the sky, since it takes derivatives.
-    float here = inverse_depth_here();
+    colour *= light_on(over_depth, gl_FragCoord.w, lit_normal, is_sky);
 #endif
 #ifdef DISPARITY
     disparity_px = disparity_at(is_sky ? 0.0 : here);
@@ -141,7 +138,7 @@ void main() {
     inverse_depth = is_sky ? 0.0 : here;
 #endif
 #ifdef DEPTH
-    depth_m = is_sky ? uintBitsToFloat(0x7F800000u) : 1.0 / here;
+    depth_m = is_sky ? INFINITY : 1.0 / here;
 #endif
 #ifdef SKY
     sky = is_sky ? 255u : 0u;

@@ -1,8 +1,8 @@
 #version 450 core
-// Whether the other eye sees the point that a pixel of this eye shows.
+// Whether the other eye sees the point that a pixel of this eye shows, in a rectified pair.
 //
-// TILES judges 4 x 4 pixels at a time by the two disparity maps, and lists the tiles that are not wholly visible. FILL
-// writes tiles whose pixels all have one value. PIXELS judges the pixels of mixed tiles, and lists the undecided
+// TILES decides 4 x 4 pixels at a time by the two disparity maps, and lists the tiles that are not wholly visible. FILL
+// writes tiles whose pixels all have one value. PIXELS decides the pixels of mixed tiles, and lists the undecided
 // pixels. TRACE walks from the neighbouring pixels across their triangles to the point of an undecided pixel. A pixel
 // that no step writes is VISIBLE. So is a point that is hidden only by surfaces that no pixel of the other view shows.
 // Work lists keep the costly steps dense: llvmpipe runs eight invocations at a time through both sides of every branch.
@@ -25,8 +25,9 @@ layout(binding = 1) uniform sampler2D other_disparity;
 
 layout(binding = 0, r8ui) writeonly uniform uimage2D visibility;
 
-// Work lists: mixed tiles, tiles of one value (HIDDEN is set if that is OCCLUDED), pixels. An entry is a column and a
-// row: with a single index, shaders would have to divide, which is slow.
+// Numbers of entries of three work lists, and the lists: mixed tiles, tiles of one value, undecided pixels. The first
+// two have room for all tiles of the band. An entry is a column and a row, 16 bits each: from a single index, shaders
+// would have to divide, which is slow. In the second list, HIDDEN is set for OCCLUDED.
 layout(std430, binding = 5) buffer Work {
     uint tiles;
     uint fills;
@@ -35,7 +36,7 @@ layout(std430, binding = 5) buffer Work {
     uint work[];
 };
 
-uniform uvec4 band;  // the part of the image that is judged now: left column, first row, width and height, in tiles
+uniform uvec4 band;  // the part of the image to process: left column, first row, width and height, in tiles
 
 const uint UNDECIDED = 1u;
 
@@ -45,37 +46,44 @@ uint listed(uvec2 at) {
     return at.x | at.y << 16;
 }
 
-uvec2 unlisted(uint number) {
-    return uvec2(number & 0x7FFFu, number >> 16);
+uvec2 unlisted(uint entry) {
+    return uvec2(entry & 0x7FFFu, entry >> 16);
 }
 
-// Maximum difference between the point's disparity and the other view's, interpolated between two pixels of one smooth
-// surface.
+// Disparities of the other view at the two pixels beside a point show the point's surface if they differ by less than
+// STEEPEST px, and if their interpolation differs from the point's disparity by less than BEND_PX + BEND_RELATIVE times
+// their difference.
+const float STEEPEST = 2.0;
 const float BEND_PX = 0.02;
 const float BEND_RELATIVE = 0.01;
-// Maximum change of disparity from pixel to pixel that is accepted as one surface without tracing its triangles.
-const float STEEPEST = 2.0;
-// A surface hides a point only if it is nearer by more than this: the rounding of float32.
+// A surface hides a point only if its disparity exceeds the point's by more than
+// ROUNDING_PX + ROUNDING_RELATIVE f B / Z: the rounding of float32.
 const float ROUNDING_PX = 1e-3;
 const float ROUNDING_RELATIVE = 2e-6;
+// A surface in the row above or below may hide the point only if its disparity exceeds the point's by this.
+const float EDGE_PX = 0.25;
+// A point is hidden if the disparities of all six pixels around it exceed its disparity by CLEARLY_PX, and those beside
+// it differ by less than GAP_PX. Otherwise there may be a gap between their surfaces.
+const float CLEARLY_PX = 0.5;
+const float GAP_PX = 0.25;
 
 // The column at which the other eye would see a point.
 float target_of(float column, float disparity_px) {
-    precise float target = column + other_from_own * disparity_px;
+    precise float target = column + disparity_sign * disparity_px;
     return target;
 }
 
-// The smallest valid disparity: that of infinity, or the lower limit of valid disparities.
-float far_px() {
-    return max(least_px, -doffs_px);
+// The smallest valid disparity: that of infinity, or the floor of valid disparities.
+float farthest_px() {
+    return max(disparity_floor_px, -doffs_px);
 }
 
-float or_far(float disparity_px) {
-    return disparity_px > LARGEST ? far_px() : disparity_px;
+float or_farthest(float disparity_px) {
+    return disparity_px > LARGEST ? farthest_px() : disparity_px;
 }
 
-// Whether the surface of the point continues from a pixel to the next: along a row, a plane's disparity is linear.
-bool goes_on(float disparity_px, float between, vec2 beside) {
+// Whether the two pixels beside a point show its surface: along a row, a plane's disparity is linear.
+bool is_same_surface(float disparity_px, float between, vec2 beside) {
     precise float off = abs(mix(beside.x, beside.y, between) - disparity_px), step = abs(beside.y - beside.x);
     precise float most = BEND_PX + BEND_RELATIVE * step;
     return off < most && step < STEEPEST;
@@ -87,55 +95,48 @@ bool is_before(float inverse_depth, float disparity_px) {
     return inverse_depth > 0.0 && focal_baseline * inverse_depth - doffs_px > disparity_px + rounding_px;
 }
 
-// A surface in the row above or below may hide the point only if its disparity exceeds the point's by this.
-const float EDGE_PX = 0.25;
-// A point is hidden if the disparities of all pixels around it exceed its own by this.
-const float CLEARLY_PX = 0.5;
-// If the disparities of two pixels differ by this, there may be a gap between their surfaces.
-const float GAP_PX = 0.25;
-
 bool is_outside(float disparity_px, float target, float last) {
     return disparity_px > LARGEST || target < -0.5 || target >= last + 0.5;
 }
 
-// Judges by six disparities of the other view: of the two pixels beside the point, and of the pixels above and below
-// them. The result does not depend on how pixels are grouped.
-uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 below) {
+// The visibility of a point by six disparities of the other view, or UNDECIDED: of the two pixels beside the point, and
+// of the pixels above and below them. TILES and PIXELS have the same result.
+uint decide(float disparity_px, float between, vec2 above, vec2 beside, vec2 below) {
     vec2 farthest = min(min(above, below), beside);
     precise float clearly = disparity_px + CLEARLY_PX;
     if (min(farthest.x, farthest.y) > clearly && abs(beside.y - beside.x) < GAP_PX) {
         return OCCLUDED;
     }
-    return goes_on(disparity_px, between, beside) ? VISIBLE : UNDECIDED;
+    return is_same_surface(disparity_px, between, beside) ? VISIBLE : UNDECIDED;
 }
 
 // The disparities of the four pixels that meet at a corner: left and right in the row above (w, z) and below (x, y).
-vec4 around(sampler2D disparity, vec2 corner) {
-    return textureGather(disparity, corner / vec2(textureSize(disparity, 0)));
+vec4 own_around(vec2 corner) {
+    return textureGather(own_disparity, corner / vec2(textureSize(own_disparity, 0)));
 }
 
-vec4 around_far(vec2 corner) {
-    vec4 values = around(other_disparity, corner);
-    return vec4(or_far(values.x), or_far(values.y), or_far(values.z), or_far(values.w));
+vec4 other_around(vec2 corner) {
+    vec4 values = textureGather(other_disparity, corner / vec2(textureSize(other_disparity, 0)));
+    return vec4(or_farthest(values.x), or_farthest(values.y), or_farthest(values.z), or_farthest(values.w));
 }
 
 #if STEP == TILES
-// Six disparities of a row of the other view.
+// Six successive disparities in a row of the other view.
 struct Row { vec3 left, right; };
 
-// The disparities in columns k and k + 1 of a row.
-vec2 pair(Row row, float k) {
+// The disparities in columns k and k + 1 of a row, with k from 0 to 4.
+vec2 two_of(Row row, float k) {
     vec2 far_right = k < 3.5 ? vec2(row.right.x, row.right.y) : row.right.yz;
     vec2 right = k < 2.5 ? vec2(row.left.z, row.right.x) : far_right;
     vec2 left = k < 0.5 ? row.left.xy : row.left.yz;
     return k < 1.5 ? left : right;
 }
 
-uint judge_in(float column, float disparity_px, float first, float last, Row above, Row beside, Row below) {
+uint decide_in(float column, float disparity_px, float first, float last, Row above, Row beside, Row below) {
     float target = target_of(column, disparity_px);
     float left = floor(target);
     float k = left - first;
-    uint found = judge(disparity_px, target - left, pair(above, k), pair(beside, k), pair(below, k));
+    uint found = decide(disparity_px, target - left, two_of(above, k), two_of(beside, k), two_of(below, k));
     return is_outside(disparity_px, target, last) ? OUTSIDE : k < -0.5 || k > 4.5 ? UNDECIDED : found;
 }
 
@@ -146,36 +147,38 @@ void main() {
     uvec2 tile = band.xy + gl_GlobalInvocationID.xy;
     ivec2 last = textureSize(own_disparity, 0) - 1;
     vec2 at = vec2(4u * tile);
-    vec4 own[4];
-    for (int half_ = 0; half_ < 2; ++half_) {
-        vec4 left = around(own_disparity, at + vec2(1.0, 1.0 + 2.0 * float(half_)));
-        vec4 right = around(own_disparity, at + vec2(3.0, 1.0 + 2.0 * float(half_)));
-        own[2 * half_] = vec4(left.wz, right.wz);
-        own[2 * half_ + 1] = vec4(left.xy, right.xy);
+    vec4 own[4];  // the tile's disparities, row by row
+    for (int k = 0; k < 2; ++k) {
+        vec4 left = own_around(at + vec2(1.0, 1.0 + 2.0 * float(k)));
+        vec4 right = own_around(at + vec2(3.0, 1.0 + 2.0 * float(k)));
+        own[2 * k] = vec4(left.wz, right.wz);
+        own[2 * k + 1] = vec4(left.xy, right.xy);
     }
     vec4 column = at.x + vec4(0.0, 1.0, 2.0, 3.0);
-    float first = 1e9;
+    float first = 1e9;  // the leftmost column of the other view where a point of the tile is looked up
     for (int row = 0; row < 4; ++row) {
-        vec4 target = column + other_from_own * own[row];
+        vec4 target = column + disparity_sign * own[row];
         first = min(first, min(min(target.x, target.y), min(target.z, target.w)));
     }
     first = clamp(floor(first), 0.0, float(last.x));
-    Row rows[6];
-    for (int pair_ = 0; pair_ < 3; ++pair_) {
-        vec2 corner = vec2(first + 1.0, at.y + 2.0 * float(pair_));
-        vec4 a = around_far(corner), b = around_far(corner + vec2(2.0, 0.0)), c = around_far(corner + vec2(4.0, 0.0));
-        rows[2 * pair_] = Row(vec3(a.wz, b.w), vec3(b.z, c.wz));
-        rows[2 * pair_ + 1] = Row(vec3(a.xy, b.x), vec3(b.y, c.xy));
+    Row rows[6];  // of the other view, from the row above the tile to the row below it
+    for (int k = 0; k < 3; ++k) {
+        vec2 corner = vec2(first + 1.0, at.y + 2.0 * float(k));
+        vec4 a = other_around(corner), b = other_around(corner + vec2(2.0, 0.0));
+        vec4 c = other_around(corner + vec2(4.0, 0.0));
+        rows[2 * k] = Row(vec3(a.wz, b.w), vec3(b.z, c.wz));
+        rows[2 * k + 1] = Row(vec3(a.xy, b.x), vec3(b.y, c.xy));
     }
+    // With "or" and "and" of the values' bits: both are equal only if all pixels have the same value.
     uint any_of = 0u, all_of = 0xFFu;
     for (int row = 0; row < 4; ++row) {
         for (int k = 0; k < 4; ++k) {
-            uint found = judge_in(column[k], own[row][k], first, float(last.x), rows[row], rows[row + 1], rows[row + 2]);
+            uint found =
+                decide_in(column[k], own[row][k], first, float(last.x), rows[row], rows[row + 1], rows[row + 2]);
             any_of |= found;
             all_of &= found;
         }
     }
-    // Values are combined bit by bit: only VISIBLE contains the bit of UNDECIDED.
     if (any_of != all_of || any_of == UNDECIDED) {
         work[atomicAdd(tiles, 1u)] = listed(tile);
     } else if (any_of != VISIBLE) {
@@ -187,9 +190,9 @@ uint invocations() {
     return gl_NumWorkGroups.x * gl_WorkGroupSize.x;
 }
 
-// The first pixel of one of a listed tile's four rows.
-ivec2 row_of(uint tile, uint number) {
-    return ivec2(4u * unlisted(tile) + uvec2(0u, number % 4u));
+// The first pixel of row `item % 4` of a listed tile.
+ivec2 row_of(uint entry, uint item) {
+    return ivec2(4u * unlisted(entry) + uvec2(0u, item % 4u));
 }
 #endif
 
@@ -215,8 +218,9 @@ void main() {
             float disparity_px = texelFetch(own_disparity, min(pixel, last), 0).r;
             float target = target_of(float(pixel.x), disparity_px);
             float left = floor(target);
-            vec4 lower = around_far(vec2(left + 1.0, float(pixel.y) + 1.0)), upper = around_far(vec2(left + 1.0, pixel.y));
-            uint found = judge(disparity_px, target - left, upper.wz, lower.wz, lower.xy);
+            vec4 lower = other_around(vec2(left + 1.0, float(pixel.y) + 1.0));
+            vec4 upper = other_around(vec2(left + 1.0, pixel.y));
+            uint found = decide(disparity_px, target - left, upper.wz, lower.wz, lower.xy);
             found = is_outside(disparity_px, target, float(last.x)) ? OUTSIDE : found;
             bool inside = all(lessThanEqual(pixel, last));
             if (inside && found == UNDECIDED) {
@@ -236,10 +240,9 @@ void main() {
 layout(binding = 2) uniform usampler2D own_surface;
 layout(binding = 3) uniform usampler2D other_surface;
 
-// The pixels around a point: beside it, then above, then below.
-ivec2 start_of(int k, int left, int row, ivec2 last) {
-    return clamp(ivec2(left + (k & 1), row + (k < 2 ? 0 : k < 4 ? -1 : 1)), ivec2(0), last);
-}
+// The six pixels around a point, relative to the one on its left: beside it, above, below.
+const ivec2 AROUND[6] =
+    ivec2[6](ivec2(0, 0), ivec2(1, 0), ivec2(0, -1), ivec2(1, -1), ivec2(0, 1), ivec2(1, 1));
 
 void main() {
     ivec2 last = textureSize(own_disparity, 0) - 1;
@@ -249,20 +252,23 @@ void main() {
         uvec2 own = texelFetch(own_surface, pixel, 0).rg;
         vec2 target = vec2(target_of(float(pixel.x), disparity_px), pixel.y);
         float left = floor(target.x);
-        vec4 lower = around_far(vec2(left + 1.0, pixel.y + 1)), upper = around_far(vec2(left + 1.0, pixel.y));
+        vec4 lower = other_around(vec2(left + 1.0, pixel.y + 1)), upper = other_around(vec2(left + 1.0, pixel.y));
         vec2 beside = lower.wz;
         float around[6] = {beside.x, beside.y, upper.w, upper.z, lower.x, lower.y};
-        // A surface cannot hide the point if it is farther by more than a surface rises within a pixel. Nor can a
-        // surface in the rows above and below that is not nearer.
-        float farthest = goes_on(disparity_px, target.x - left, beside) ? LARGEST : max(disparity_px - STEEPEST, far_px());
-        // The surfaces to trace: a bit for each pixel around the point. A surface does not hide itself, and is traced once.
+        // A surface beside the point hides it only if its disparity exceeds this limit: from pixel to pixel, surfaces
+        // rise by STEEPEST at most. If both pixels beside the point show the point's surface, nothing there hides it.
+        float limit_px = is_same_surface(disparity_px, target.x - left, beside)
+            ? LARGEST : max(disparity_px - STEEPEST, farthest_px());
+        // The pixels whose surfaces are to be traced, a bit each. The point's surface is not traced, nor one twice in
+        // succession.
         uint open = 0u;
-        uvec2 traced = own;
+        uvec2 previous = own;
         for (int k = 0; k < 6; ++k) {
-            uvec2 surface = texelFetch(other_surface, start_of(k, int(left), pixel.y, last), 0).rg;
-            if (surface != own && surface != traced && around[k] > (k < 2 ? farthest : disparity_px + EDGE_PX)) {
+            ivec2 start = clamp(ivec2(int(left), pixel.y) + AROUND[k], ivec2(0), last);
+            uvec2 surface = texelFetch(other_surface, start, 0).rg;
+            if (surface != own && surface != previous && around[k] > (k < 2 ? limit_px : disparity_px + EDGE_PX)) {
                 open |= 1u << k;
-                traced = surface;
+                previous = surface;
             }
         }
         bool hidden = false;
@@ -271,8 +277,8 @@ void main() {
         while (!hidden && (open != 0u || !trace.ended)) {
             if (trace.ended) {
                 int k = findLSB(open);
-                open &= open - 1u;
-                ivec2 start = start_of(k, int(left), pixel.y, last);
+                open &= open - 1u;  // clears bit k
+                ivec2 start = clamp(ivec2(int(left), pixel.y) + AROUND[k], ivec2(0), last);
                 trace = trace_from(texelFetch(other_surface, start, 0).rg, vec2(start), target);
             }
             cross_triangle(trace);

@@ -2,6 +2,6 @@
 // One triangle that covers the image, at depth 0, infinitely far away.
 
 void main() {
-    vec2 corner = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2);
-    gl_Position = vec4(corner * 2.0 - 1.0, 0.0, 1.0);
+    const vec2 CORNERS[3] = vec2[3](vec2(-1.0, -1.0), vec2(3.0, -1.0), vec2(-1.0, 3.0));
+    gl_Position = vec4(CORNERS[gl_VertexID], 0.0, 1.0);
 }

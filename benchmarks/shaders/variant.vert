@@ -16,7 +16,8 @@ flat out int scene_triangle;
 #include "common_placement.glsl"
 
 void main() {
-    vec3 view = vec3(placed(view_from_model_x, position), placed(view_from_model_y, position), placed(view_from_model_z, position));
+    vec3 view = vec3(view_coordinate(view_from_model_x, position), view_coordinate(view_from_model_y, position),
+                     view_coordinate(view_from_model_z, position));
     view_depth_m = view.z;
     scene_instance = instance;
     scene_triangle = gl_VertexID;

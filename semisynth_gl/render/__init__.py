@@ -1,4 +1,4 @@
-"""The only room that uses OpenGL: contexts, the renderer, the list of devices. This module loads no OpenGL."""
+"""All code that uses OpenGL: contexts, the renderer, the list of devices. This module itself loads no OpenGL."""
 
 from typing import Literal, get_args
 
@@ -7,5 +7,5 @@ BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 
 def is_software(renderer: str) -> bool:
-    """Return whether a driver, by its name (GL_RENDERER), draws on the processor."""
+    """Return whether the driver with this name (GL_RENDERER) renders on the CPU."""
     return any(name in renderer.lower() for name in ("llvmpipe", "softpipe", "swrast", "software"))

@@ -1,10 +1,10 @@
-"""Fills the uniform block that all shaders share: constants of the camera and the pass, packed once per pass."""
+"""The uniform block that all shaders share, with constants of the camera and the pass. It is written once per pass."""
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame.camera import OTHER_EYE, Eye
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.scene.scene import Scene
 
@@ -17,14 +17,14 @@ CONSTANTS = np.dtype(
         ("focal_baseline", "<f4"),
         ("doffs_px", "<f4"),
         ("near_m", "<f4"),
-        ("other_from_own", "<f4"),
-        ("least_px", "<f4"),
+        ("disparity_sign", "<f4"),
+        ("disparity_floor_px", "<f4"),
         ("", "<f4", 3),
     ]
 )
 """The uniform block of common_constants.glsl, std140."""
 
-# LARGEST of common_constants.glsl; every disparity is above its negative.
+# LARGEST of common_constants.glsl. All signed disparities are above -LARGEST.
 _LARGEST = 3e38
 
 
@@ -35,7 +35,7 @@ class ConstantsBuffer:
     """
 
     def __init__(self, gl: moderngl.Context, *, signed: bool = False) -> None:
-        self._least_px = -_LARGEST if signed else 0.0
+        self._disparity_floor_px = -_LARGEST if signed else 0.0
         self._buffer = gl.buffer(reserve=CONSTANTS.itemsize, dynamic=True)
         self._buffer.bind_to_uniform_block(_BINDING)
         self._packed: bytes = b""
@@ -45,7 +45,8 @@ class ConstantsBuffer:
 
         Args:
             scene: the scene.
-            eye: the eye whose view is drawn; in passes that compare views, the other eye, where points are looked up.
+            eye: in drawing and flow passes, the eye whose view is made. In the visibility and correspondence passes,
+                the other eye: they look points up in its view.
             projection: (4, 4) float64 clip_from_view; by default the result of `clip_from_view`.
         """
         camera, near_m = scene.camera, scene.near_of(eye)
@@ -58,10 +59,9 @@ class ConstantsBuffer:
         values["focal_baseline"] = camera.focal_baseline
         values["doffs_px"] = camera.doffs_px
         values["near_m"] = near_m
-        values["least_px"] = self._least_px
-        # Only passes that compare views use this value. They pass the other eye as `eye`. x_right = x_left - d.
-        own = OTHER_EYE[eye]
-        values["other_from_own"] = -1 if own == "left" else 1
+        values["disparity_floor_px"] = self._disparity_floor_px
+        # Only the visibility and correspondence passes use the sign of x_eye = x_other + sign * disparity.
+        values["disparity_sign"] = -1 if eye == "right" else 1
         packed = values.tobytes()
         if packed != self._packed:
             self._buffer.orphan()

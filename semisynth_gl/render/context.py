@@ -21,14 +21,14 @@ from semisynth_gl.render.osmesa import OSMESA_LIBRARIES, OSMesaContext
 # OpenGL 4.5 is the first version with glClipControl, which reversed Z needs; llvmpipe has offered it since Mesa 20.2.
 REQUIRED_VERSION = 450
 
-# Ids of the processes that have opened a context: this process, or one from which it was forked.
+# Ids of processes that have opened a context. A forked process inherits the ids of its parent.
 _opened_in: set[int] = set()
 _AFTER_FORK = (
     "drivers do not survive a fork. Start the process by 'spawn', and a DataLoader's workers with "
     "multiprocessing_context='spawn'"
 )
 
-# The libraries of each backend: it needs one of each group.
+# Each backend needs one library of each of its groups.
 _LIBRARIES = {"egl": (("libEGL.so.1",), ("libGL.so.1",)), "osmesa": (OSMESA_LIBRARIES,)}
 # Debian's packages for each backend; "auto" tries EGL first.
 _PACKAGES = {"egl": "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6 libgl1"}
@@ -57,9 +57,9 @@ class GraphicsContext:
 
     @property
     def corner_steps(self) -> int | None:
-        """Number of steps in a pixel to which the driver rounds a triangle's corners before it interpolates.
+        """N if the driver rounds a triangle's corners to multiples of 1 / N px before it interpolates.
 
-        None for llvmpipe, which rounds them only to find the pixels that the triangle covers.
+        None for llvmpipe, which rounds corners only to find the pixels that the triangle covers.
         """
         return None if self.software else 1 << int(self.gl.info["GL_SUBPIXEL_BITS"])
 
@@ -117,18 +117,20 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
 def check_libraries(backend: Backend) -> None:
     """Check quickly that a backend's libraries are installed, before patches and models are prepared.
 
+    Only if a library is missing does this open a context, for the error message of `open_context`.
+
     Raises:
-        BackendError: where libraries are missing and no context can be opened; see `open_context`.
+        BackendError: where `open_context` raises it.
         InputError: where there is no such backend.
     """
     load_before_driver()
-    for own, groups in _LIBRARIES.items():
-        if backend in ("auto", own) and all(any(map(_loads, names)) for names in groups):
+    for name, groups in _LIBRARIES.items():
+        if backend in ("auto", name) and all(any(map(_can_load, libraries)) for libraries in groups):
             return
     open_context(backend).release()
 
 
-def _loads(library: str) -> bool:
+def _can_load(library: str) -> bool:
     with suppress(OSError):
         return bool(ctypes.CDLL(library))
     return False

@@ -23,7 +23,7 @@ _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
 
 
 class GLFunctions:
-    """OpenGL 4.5 functions of one context; ``load`` returns the address of a named function."""
+    """OpenGL 4.5 functions of one context; ``load`` returns the address of the function with a given name."""
 
     def __init__(self, load: Callable[[str], int]) -> None:
         def function(name: str, *types: Any, result: Any = None) -> Callable[..., Any]:  # noqa: ANN401 - ctypes has no common type
@@ -31,21 +31,21 @@ class GLFunctions:
 
         self._clip_control = function("glClipControl", _UINT, _UINT)
         self._disable = function("glDisable", _UINT)
-        self._storage = function("glNamedRenderbufferStorage", _UINT, _UINT, _INT, _INT)
+        self._renderbuffer_storage = function("glNamedRenderbufferStorage", _UINT, _UINT, _INT, _INT)
         self._clear_float = function("glClearBufferfv", _UINT, _INT, _FLOATS)
         self._clear_unsigned = function("glClearBufferuiv", _UINT, _INT, _UINTS)
         self._texture_parameter = function("glTextureParameteri", _UINT, _UINT, _INT)
         self._texture_storage = function("glTextureStorage3D", _UINT, _INT, _UINT, _INT, _INT, _INT)
         self._texture_write = function("glTextureSubImage3D", _UINT, *[_INT] * 7, _UINT, _UINT, ctypes.c_void_p)
         self._pixel_store = function("glPixelStorei", _UINT, _INT)
-        self._attach_level = function("glNamedFramebufferTexture", _UINT, _UINT, _UINT, _INT)
+        self._framebuffer_texture = function("glNamedFramebufferTexture", _UINT, _UINT, _UINT, _INT)
         self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
 
     def set_up(self) -> None:
         """Map clip z to [0, 1] instead of [-1, 1], and switch off dithering.
 
-        With [-1, 1], the hardware adds 0.5 before it writes depth, which undoes the precision of reversed Z. By
-        default, OpenGL lets drivers dither colours, which would change them.
+        With [-1, 1], the depth written is 0.5 z + 0.5, and the sum rounds away the precision of reversed Z near 0. By
+        default, drivers may dither colours, which would change them.
         """
         self._clip_control(_GL_LOWER_LEFT, _GL_ZERO_TO_ONE)
         self._disable(_GL_DITHER)
@@ -74,8 +74,8 @@ class GLFunctions:
     def store_layers(self, texture: int, levels: int, layers: NDArray[np.uint8], *, software: bool) -> None:
         """Give an array texture storage of several levels, and upload layers, (L, P, P, 4) or (L, P, P) uint8.
 
-        moderngl's own storage has one level. No shader reads alpha. With ``software``, three components are filtered
-        faster than four, and a component of 32 bits faster than one of 8; other drivers may be unable to draw levels
+        moderngl's storage has only one level. No shader reads alpha, and llvmpipe (``software``) filters three
+        components faster than four, and 32-bit grey faster than 8-bit grey. Some other drivers cannot draw into levels
         without alpha.
         """
         count, side = layers.shape[:2]
@@ -83,20 +83,20 @@ class GLFunctions:
         if layers.ndim == 3:
             given, stored = (_GL_RED, _GL_R32F if software else _GL_R8)
         self._texture_storage(texture, levels, stored, side, side, count)
-        everything = 0, 0, 0, 0, side, side, count
-        # Rows of one component may have any number of bytes. moderngl sets the alignment again whenever it writes.
+        everything = 0, 0, 0, 0, side, side, count  # level, x, y, layer, width, height, layers
+        # Rows of grey bytes need no padding. moderngl sets this alignment again whenever it writes.
         self._pixel_store(_GL_UNPACK_ALIGNMENT, 1)
         self._texture_write(texture, *everything, given, _GL_UNSIGNED_BYTE, layers.ctypes.data)
 
-    def read_levels(self, texture: int, first: int, last: int) -> None:
+    def limit_levels(self, texture: int, first: int, last: int) -> None:
         """Restrict shaders' look-ups in a texture to the levels from ``first`` to ``last``."""
         self._texture_parameter(texture, _GL_TEXTURE_BASE_LEVEL, first)
         self._texture_parameter(texture, _GL_TEXTURE_MAX_LEVEL, last)
 
-    def draw_to_level(self, framebuffer: int, texture: int, level: int) -> None:
-        """Make all layers of one level of a texture the first colour attachment of a framebuffer."""
-        self._attach_level(framebuffer, _GL_COLOR_ATTACHMENT0, texture, level)
+    def attach_level(self, framebuffer: int, texture: int, level: int) -> None:
+        """Make one level of a texture, with all its layers, the first colour attachment of a framebuffer."""
+        self._framebuffer_texture(framebuffer, _GL_COLOR_ATTACHMENT0, texture, level)
 
     def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int) -> None:
         """Give a renderbuffer 32-bit float depth storage, which all drivers have; moderngl's is 24-bit integer."""
-        self._storage(renderbuffer, _GL_DEPTH_COMPONENT32F, width_px, height_px)
+        self._renderbuffer_storage(renderbuffer, _GL_DEPTH_COMPONENT32F, width_px, height_px)

@@ -13,10 +13,10 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.projection import in_view
 from semisynth_gl.scene.scene import Scene
 
-# Mirrored or not, patches have a period of two patches, so larger offsets are reduced by multiples of two. Offsets up
-# to 16 are kept: float32 holds them in steps of 1/2000 of a texel if patches have 512 texels.
-_PERIOD, _NEAR_PATCHES = 2.0, 16.0
-# Minimum radius of an instance; smaller instances would be invisible anyway.
+# Patches repeat after one patch, or after two if they are mirrored. UV offsets above 16 patches are reduced modulo 2.
+# Up to 16, float32 rounds an offset by less than 1/2000 texel of a patch of 512 texels.
+_PERIOD, _MAX_OFFSET = 2.0, 16.0
+# Minimum radius of an instance, (1e-9)^2 m. A smaller instance would be invisible anyway.
 _LEAST_M = LEAST**2
 
 
@@ -27,7 +27,7 @@ class InstanceTransforms:
     scene: Scene
     view_from_model: NDArray[np.float64]  # (N, 4, 4) poses of the models relative to the left eye
     radius_m: NDArray[np.float64]  # (N,) upper bound of an instance's radius around its origin
-    solid: NDArray[np.bool_]  # (N,) whether all that can be seen from outside are fronts of triangles
+    solid: NDArray[np.bool_]  # (N,) whether an eye outside the instance sees only front faces
     patch_from_uv: NDArray[np.float64]  # (N, 4) scale (u, v) and offset (u, v) of the models' UV
 
     def rows(self, eye: Eye) -> NDArray[np.float64]:
@@ -43,7 +43,7 @@ class InstanceTransforms:
         return in_view(camera, eye, self.scene.near_of(eye), self.rows(eye)[:, :, 3], self.radius_m)
 
     def fronts_only(self, eye: Eye) -> NDArray[np.bool_]:
-        """Return of which instances one eye sees only fronts, (N,) bool: solid and not cut by the near plane."""
+        """Return which instances show one eye only front faces, (N,) bool: solid, and not cut by the near plane."""
         return self.solid & (self.rows(eye)[:, 2, 3] - self.radius_m > self.scene.near_of(eye))
 
 
@@ -67,29 +67,31 @@ class TransformComposer:
         """
         view_from_model = scene.view_from_model()
         linear = view_from_model[:, :3, :3]
-        # The largest row sum of |A^T A| is an upper bound of the squared largest singular value. Both are equal if the
-        # instance is scaled along its own axes and then rotated.
+        # The largest row sum of |A^T A| is an upper bound of the squared largest singular value of A. The two are
+        # equal if A scales along the model's axes and then rotates.
         stretch = np.sqrt(np.abs(linear.transpose(0, 2, 1) @ linear).sum(axis=2).max(axis=1, initial=0.0))
-        # In a mirrored instance, the backs of triangles face outwards.
+        # In a mirrored instance, the back faces of triangles face outwards.
         solid = self._solid[scene.model]
         solid[solid] = np.linalg.det(linear[solid]) > 0
         radius_m = self._radius[scene.model] * stretch
         reach_m = np.abs(view_from_model[:, :3, 3]).max(axis=1, initial=0.0) + radius_m
         _refuse(reach_m, reach_m > MOST, "reaches farther from the camera")
-        # The radius of a tiny instance may be rounded to 0, since it is computed from squares.
-        extended = (np.abs(linear).max(axis=(1, 2), initial=0.0) > 0) & (self._radius[scene.model] > 0)
-        _refuse(radius_m, extended & (radius_m < _LEAST_M), "is smaller")
+        # The radius of a tiny instance may underflow to 0, so it does not tell instances of a single point.
+        has_extent = (np.abs(linear).max(axis=(1, 2), initial=0.0) > 0) & (self._radius[scene.model] > 0)
+        _refuse(radius_m, has_extent & (radius_m < _LEAST_M), "is smaller")
         return InstanceTransforms(scene, view_from_model, radius_m, solid, _patch_from_uv(scene))
 
 
 def _patch_from_uv(scene: Scene) -> NDArray[np.float64]:
-    offset = np.where(np.abs(scene.uv_offset) > _NEAR_PATCHES, scene.uv_offset % _PERIOD, scene.uv_offset)
+    offset = np.where(np.abs(scene.uv_offset) > _MAX_OFFSET, scene.uv_offset % _PERIOD, scene.uv_offset)
     return np.concatenate([scene.uv_scale, offset], axis=1)
 
 
-def _refuse(metres: NDArray[np.float64], wrong: NDArray[np.bool_], what: str) -> None:
-    for number in np.flatnonzero(wrong)[:1]:
+def _refuse(metres: NDArray[np.float64], wrong: NDArray[np.bool_], fault: str) -> None:
+    """Raise InputError for the first instance that is wrong."""
+    if wrong.any():
+        number = wrong.argmax()
         raise InputError(
-            f"scene: expected instances of {_LEAST_M:g} to {MOST:g} m, but instance {number} {what}, "
+            f"scene: expected instances of {_LEAST_M:g} to {MOST:g} m, but instance {number} {fault}, "
             f"{metres[number]:g} m: {OTHER_UNITS}"
         )

@@ -2,8 +2,8 @@
 
 Mesa loads its software driver, and with it the system's LLVM, with RTLD_GLOBAL: libraries that are loaded later find
 the symbols of that LLVM before their own. PyTorch's optimisers import triton if it is installed. triton exports the
-symbols of its LLVM, so it would call the system's LLVM. The versions differ, which causes a segmentation fault. A
-library that is loaded before the driver is already bound to its own symbols, so a later import is safe.
+symbols of its LLVM, so after the driver, triton would call the system's LLVM. The versions differ, which causes a
+segmentation fault. A library that is loaded before the driver is already bound to its own symbols.
 """
 
 import ctypes

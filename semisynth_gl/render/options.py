@@ -1,4 +1,4 @@
-"""A renderer's options: the channels and views that it makes of every pair, and the passes that these need."""
+"""A renderer's options: the channels that it makes of each eye's view, and the passes and attachments for them."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -22,14 +22,14 @@ from semisynth_gl.frame.channels import (
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, shown
 
-_OF_MOTIONS = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
+_MOTION_OUTPUTS = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
 
-OF_BOTH_VIEWS = frozenset({"disparity", "visibility", "correspondence", "disparity_change"})
+CHANNELS_OF_BOTH_EYES = frozenset({"disparity", "visibility", "correspondence", "disparity_change"})
 """The channels of a view that depend on the other eye. Pairs that share a view share all its other channels."""
 
 
 def pass_of(channel: Channel[Any]) -> str:
-    """Return the pass that writes a channel. The renderer does not make the channels of "lens"; the caller does."""
+    """Return the pass that writes a channel. "lens" is not a pass of the renderer: its callers make these channels."""
     if channel.name in LENS_OUTPUTS:
         return "lens"
     if channel.output in MOTION_OUTPUTS:
@@ -51,7 +51,7 @@ class RenderOptions:
     rectified: bool  # whether all right cameras are rectified
     signed: bool  # whether disparities of 0 and below are valid
     outlines: bool  # whether colour is antialiased along outlines
-    factor: int  # factor of the width and height at which colour is drawn for supersampling; 1 for none
+    factor: int  # colour is drawn at this factor times the width and height, and averaged; 1 without supersampling
 
     @classmethod
     def of(cls, outputs: Collection[str], truth: TruthViews, antialias: str, *, rectified: bool, signed: bool) -> Self:
@@ -81,13 +81,13 @@ class RenderOptions:
         """All channels of a view that has truth."""
         return [row for row in CHANNELS.values() if row.output is None or row.output in self.outputs]
 
-    def needing(self, motion: str) -> list[str]:
+    def outputs_of(self, motion: str) -> list[str]:
         """Return the outputs that need a motion of the scene, "future" or "past"."""
-        return sorted(self.outputs & _OF_MOTIONS[motion])
+        return sorted(self.outputs & _MOTION_OUTPUTS[motion])
 
-    def drawn_by(self, name: str) -> list[Channel[Any]]:
+    def channels_of(self, pass_name: str) -> list[Channel[Any]]:
         """Return the channels that a pass writes."""
-        return [channel for channel in self.channels if pass_of(channel) == name]
+        return [channel for channel in self.channels if pass_of(channel) == pass_name]
 
     @property
     def visibility(self) -> bool:
@@ -100,27 +100,25 @@ class RenderOptions:
         return bool(self.outputs & MOTION_OUTPUTS)
 
     @property
-    def corresponds(self) -> bool:
+    def correspondence(self) -> bool:
         """Whether the correspondence pass runs."""
         return not self.rectified or "correspondence" in self.outputs
 
     @property
     def reads_triangles(self) -> bool:
-        """Whether any pass looks up triangles."""
-        return self.corresponds or any(
-            channel.name == "normals" or pass_of(channel) != "drawing" for channel in self.channels
-        )
+        """Whether any pass looks up triangles by number."""
+        return self.visibility or self.correspondence or self.flow or "normals" in self.outputs
 
     def attachments(self, eye: Eye) -> tuple[str, ...]:
         """Return the attachments that the drawing pass of an eye writes."""
-        own = eye in self.truth_eyes
-        flow = own and self.flow
-        # Exceptions: a later pass needs the attachment, or another pass draws it.
-        needed = {
-            "colour": self.factor == 1,  # with supersampling, colour is drawn to separate targets
-            "disparity": own or self.visibility,
-            "depth": flow or self.corresponds or (own and "depth" in self.outputs),
-            "surface": self.visibility or flow or self.corresponds,
+        has_truth = eye in self.truth_eyes
+        flow = has_truth and self.flow
+        is_written = {attachment_of(channel): has_truth for channel in self.channels_of("drawing")}
+        # Later passes compare both eyes' disparities, depths and surfaces. Supersampled colour has separate targets.
+        is_written |= {
+            "colour": self.factor == 1,
+            "disparity": has_truth or self.visibility,
+            "depth": flow or self.correspondence or (has_truth and "depth" in self.outputs),
+            "surface": self.visibility or flow or self.correspondence,
         }
-        names = {attachment_of(channel): own for channel in self.drawn_by("drawing")} | needed
-        return tuple(name for name, drawn in names.items() if drawn)
+        return tuple(name for name, written in is_written.items() if written)

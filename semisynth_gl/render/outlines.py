@@ -12,8 +12,7 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import MeshEdges, find_edges
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 
-# Maximum number of edges of instances that are tested at once. Up to it, BLAS uses one thread; further threads would
-# spin without use.
+# Maximum number of instances times edges in a matrix product. For more, BLAS would start threads that do not pay off.
 _MOST_AT_ONCE = 2**16
 
 
@@ -29,7 +28,7 @@ class OutlineFinder:
         self._vertex_number = np.split(vertex_number, ends[:-1])
         # Edges are found when a model is first used, since libraries may have many models that no scene uses.
         self._edges: dict[int, MeshEdges] = {}
-        # These edges as arrays, one model after the other, and the number of each model's first edge.
+        # `MeshEdges.corners`, `below` and `border` of all these models, and the number of each model's first edge.
         self._corners = np.zeros((2, 0, 3), np.uint32)
         self._below, self._border = np.zeros((2, 0), bool), np.zeros(0, bool)
         self._first: dict[int, int] = {}
@@ -47,32 +46,34 @@ class OutlineFinder:
             its end, and the opposite corner.
         """
         scene, rows = transforms.scene, transforms.rows(eye)
-        # Near outlines must cover far outlines. Instances are ordered by their far ends, as in the drawing.
+        # Near outlines must cover far ones. The order is that of drawing: by the far ends of the instances.
         seen = seen[np.argsort(-(rows[seen, 2, 3] + transforms.radius_m[seen]), kind="stable")]
         eyes, model = _eyes(rows[seen]), scene.model[seen]
         self._add_edges(model)
-        places, edges, belows = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0, bool)]
-        for shown in np.unique(model).tolist():
-            alike, of_model = np.flatnonzero(model == shown), self._edges[shown]
-            for own in np.array_split(alike, ceil(len(alike) * len(of_model.border) / _MOST_AT_ONCE)):
-                place, edge, below = _alike_sides(of_model, eyes[own])
-                places.append(own[place])
-                edges.append(edge + self._first[shown])
-                belows.append(below)
-        place, edge, below = np.concatenate(places), np.concatenate(edges), np.concatenate(belows)
-        eye_below, only_fronts = below ^ (eyes[place, 3] < 0), transforms.solid[seen][place]
-        # A triangle is in front of the edge's other triangle if its plane separates the eye from that triangle.
+        found = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, bool))]
+        for number in np.unique(model).tolist():
+            edges, of_model = self._edges[number], np.flatnonzero(model == number)
+            for group in np.array_split(of_model, ceil(len(of_model) * len(edges.border) / _MOST_AT_ONCE)):
+                member, edge, below = _silhouettes(edges, eyes[group])
+                found.append((group[member], edge + self._first[number], below))
+        position, edge, below = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        # A triangle is in front if its plane separates the eye from the triangle on the other side of the edge.
+        eye_below = below ^ (eyes[position, 3] < 0)
         first = self._border[edge] | (eye_below != self._below[0, edge])
         second = ~first & (eye_below != self._below[1, edge])
-        first &= ~(only_fronts & below)
-        second &= ~only_fronts | below
+        # Of a solid, the eye sees only front faces. It is above the plane of a first triangle whose front it sees, and
+        # below that of a second one, which `MeshEdges` turns round.
+        solid = transforms.solid[seen][position]
+        first &= ~(solid & eye_below)
+        second &= ~solid | eye_below
         chosen = np.flatnonzero(first | second)
-        place, edge, side = place[chosen], edge[chosen], second[chosen]
-        order = np.argsort((2 * place + side).astype(np.min_scalar_type(2 * len(seen))), kind="stable")
-        place, edge, side = place[order], edge[order], side[order]
+        position, edge, side = position[chosen], edge[chosen], second[chosen]
+        # NumPy sorts numbers of up to 16 bits fastest.
+        order = np.argsort((2 * position + side).astype(np.min_scalar_type(2 * len(seen))), kind="stable")
+        position, edge, side = position[order], edge[order], side[order]
         strips = np.empty((len(order), 4), np.uint32)
-        strips[:, 0] = seen[place]
-        strips[:, 1:] = self._corners.reshape(-1, 3)[edge + side * len(self._border)]
+        strips[:, 0] = seen[position]
+        strips[:, 1:] = self._corners[side.astype(int), edge]
         return strips
 
     def _add_edges(self, models: NDArray[np.int64]) -> None:
@@ -93,8 +94,8 @@ class OutlineFinder:
 def _eyes(rows: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return the eye's position in the units of M models, given rows (M, 3, 4) of view_from_model: (M, 4) float32.
 
-    Positions are homogeneous: three coordinates times w, and w. So singular matrices of flat models need no special
-    case.
+    Positions are homogeneous, (w x, w y, w z, w), where w is the determinant of the first three columns or a positive
+    multiple of it. So the singular matrices of flat models need no special case.
     """
     x, y, z, shift = (np.ascontiguousarray(column) for column in rows.transpose(2, 1, 0))
     adjugate = [_cross(y, z), _cross(z, x), _cross(x, y)]
@@ -108,19 +109,19 @@ def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
     return np.stack([b * r - c * q, c * p - a * r, a * q - b * p])
 
 
-def _alike_sides(
+def _silhouettes(
     edges: MeshEdges, eyes: NDArray[np.float32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Choose the edges, of M instances of a mesh, at which the surface ends or turns away from an eye.
+    """Find the edges, of M instances of a mesh, where the surface ends or turns away from an eye; ``eyes`` is (M, 4).
 
-    The eye is on the same side of both planes of such an edge, since `MeshEdges` turns the second plane round.
-    ``eyes`` (M, 4) comes from `_eyes`.
+    At such an edge, the eye is on the same side of both planes of `MeshEdges`, whose second triangle is turned round.
 
     Returns:
-        The numbers of instances and of edges, (N,) int64 each, and whether the eye is behind the planes of both
-        triangles, (N,) bool; if w is negative, whether it is in front of them.
+        The numbers of instances and of edges, (N,) int64 each, and ``below``, (N,) bool: whether the eye is below both
+        planes, n . x < n . p. If the eye's w is negative, ``below`` says whether it is above them.
     """
+    # w (n . p - n . x) for the eye at (w x, w).
     below = (eyes * np.array([-1, -1, -1, 1], np.float32)) @ edges.plane > 0
     chosen = np.flatnonzero(below[0] == below[1])
-    place, edge = np.divmod(chosen, len(edges.border))
-    return place, edge, below[0].ravel()[chosen]
+    member, edge = np.divmod(chosen, len(edges.border))
+    return member, edge, below[0].ravel()[chosen]

@@ -1,4 +1,4 @@
-"""Patches on the GPU: one texture array, an atlas, for each patch size. Patch numbers run on from atlas to atlas."""
+"""Patches on the GPU: an atlas, which is a texture array, for each patch size."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ class PatchTextures:
 
     Attributes:
         grey: whether the atlases are grey; shaders then read the grey values from the first component.
-        ends: (A,) int64, number of patches in each atlas and all atlases before it, by which `Scene.layer` is split.
+        ends: (A,) int64, cumulative number of patches: atlas k has the layers ends[k - 1] to ends[k] - 1 of a scene.
         sides_px: (A,) int64, side of each atlas's patches.
 
     Raises:
@@ -46,14 +46,14 @@ class PatchTextures:
 
 def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bool) -> moderngl.TextureArray:
     count, side = layers.shape[:2]
-    most = int(context.gl.info["GL_MAX_ARRAY_TEXTURE_LAYERS"])
-    widest = int(context.gl.info["GL_MAX_TEXTURE_SIZE"])
-    if count > most or side > widest:
+    max_layers = int(context.gl.info["GL_MAX_ARRAY_TEXTURE_LAYERS"])
+    max_px = int(context.gl.info["GL_MAX_TEXTURE_SIZE"])
+    if count > max_layers or side > max_px:
         raise BackendError(
-            f"the patch atlas has {counted(count, 'patch')} of {side} px, but {context.renderer} holds {most} of up to "
-            f"{widest} px: lower textures.max_patches, textures.patch_px or textures.large_px"
+            f"the patch atlas has {counted(count, 'patch')} of {side} px, but {context.renderer} holds "
+            f"{max_layers} of up to {max_px} px: lower textures.max_patches, textures.patch_px or textures.large_px"
         )
-    # moderngl only creates the texture object. We allocate its storage, since moderngl's has no mipmap levels.
+    # moderngl creates the texture; `store_layers` replaces its storage, which has no mipmap levels.
     atlas = context.gl.texture_array((1, 1, 1), 4)
     context.functions.store_layers(
         atlas.glo, side.bit_length(), np.ascontiguousarray(layers), software=context.software
@@ -68,26 +68,26 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
 def _draw_levels(context: GraphicsContext, atlas: moderngl.TextureArray, side: int, count: int) -> None:
     """Draw the smaller levels of an atlas, each from the next larger level.
 
-    The bytes equal those of llvmpipe's own mipmaps. But llvmpipe compiles its mipmap code again in each context, which
-    dominates the time to open a renderer. It caches our shaders instead.
+    glGenerateMipmap makes the same bytes on llvmpipe, but compiles its code anew in every context, which takes most of
+    the time to open a renderer. llvmpipe caches the programs of these shaders.
     """
     gl, functions = context.gl, context.functions
     in_use = gl.fbo
     program = link_program(context, "level.vert", "level.frag", {}, "level.geom")
     draw = gl.vertex_array(program, [])
-    # Nothing is drawn to this image; moderngl only derives the framebuffer's size from it.
-    whole = gl.renderbuffer((side, side), 4)
-    framebuffer = gl.framebuffer([whole])
+    # moderngl takes the framebuffer's size from this image, which is then replaced by the levels.
+    placeholder = gl.renderbuffer((side, side), 4)
+    framebuffer = gl.framebuffer([placeholder])
     framebuffer.use()
     gl.enable_only(moderngl.NOTHING)
     atlas.filter = (moderngl.LINEAR, moderngl.LINEAR)
     atlas.use(_UNIT)
     for level in range(1, side.bit_length()):
-        functions.read_levels(atlas.glo, level - 1, level - 1)
-        functions.draw_to_level(framebuffer.glo, atlas.glo, level)
+        functions.limit_levels(atlas.glo, level - 1, level - 1)
+        functions.attach_level(framebuffer.glo, atlas.glo, level)
         framebuffer.viewport = (0, 0, side >> level, side >> level)
         draw.render(moderngl.TRIANGLE_FAN, 4, instances=count)
-    functions.read_levels(atlas.glo, 0, side.bit_length() - 1)
+    functions.limit_levels(atlas.glo, 0, side.bit_length() - 1)
     in_use.use()
-    for resource in (framebuffer, whole, draw, program):
+    for resource in (framebuffer, placeholder, draw, program):
         resource.release()

@@ -15,10 +15,7 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 def link_program(
     context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int], geometry: str | None = None
 ) -> moderngl.Program:
-    """Compile and link shaders.
-
-    ``vertex``, ``fragment`` and ``geometry`` name the shaders, and ``defines`` are for the last two; see
-    `shader_source`.
+    """Compile and link the shaders in three files; ``defines`` are for the fragment and geometry shaders only.
 
     Raises:
         BackendError: where the driver refuses the shaders.
@@ -35,10 +32,7 @@ def link_program(
 
 
 def link_meshes(context: GraphicsContext, defines: Mapping[str, int]) -> moderngl.Program:
-    """Link mesh.vert and mesh.frag, which draw models, with SNAPPED for drivers that round corners.
-
-    ``defines`` are further definitions for mesh.frag. Raises BackendError as `link_program` does.
-    """
+    """Link mesh.vert and mesh.frag, with these definitions for mesh.frag; raise BackendError as `link_program` does."""
     steps = context.corner_steps
     snapped = {} if steps is None else {"SNAPPED": steps}
     return link_program(context, "mesh.vert", "mesh.frag", {**defines, **snapped})

@@ -1,4 +1,4 @@
-"""The projection from the camera frame (OpenCV's) to OpenGL's clip space, with its half pixels."""
+"""The projection from the camera frame (OpenCV's) to OpenGL's clip space, where pixel centres are at half pixels."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +30,14 @@ def in_view(
 ) -> NDArray[np.bool_]:
     """Return which of N bounding spheres may reach into an eye's image, (N,) bool.
 
-    Centres (N, 3) are in the eye's frame, radii are (N,). The result is False only if a sphere is certainly outside the
-    frustum.
+    Centres (N, 3) are in the eye's frame, radii are (N,). Some spheres near the frustum's edges get True although they
+    are outside.
     """
     cx, cy, fx, fy = camera.intrinsics_px(eye)
     x0, x1 = -0.5 - cx, camera.width_px - 0.5 - cx
     y0, y1 = -0.5 - cy, camera.height_px - 0.5 - cy
-    # Inward normals of the five planes through the eye; a plane through x = x1 is fx X - x1 Z <= 0.
+    # Inward normals of the image's four borders and of the near plane. Inside the right border, x1, is
+    # fx X / Z <= x1, so -fx X + x1 Z >= 0.
     planes = np.array([[fx, 0, -x0], [-fx, 0, x1], [0, fy, -y0], [0, -fy, y1], [0, 0, 1.0]])
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     distance = centre_m @ planes.T

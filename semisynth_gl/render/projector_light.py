@@ -1,4 +1,4 @@
-"""The light of a scene's projector: a depth map of the surfaces that it reaches, and its pattern, for mesh.frag."""
+"""The light of a scene's projector, for mesh.frag: its pattern, and a depth map of the surfaces that it lights."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +11,7 @@ from semisynth_gl.inputs.arguments import LEAST
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.resources import RenderResources
-from semisynth_gl.render.targets import EyeTargets
+from semisynth_gl.render.targets import EyeTargets, EyeView
 from semisynth_gl.scene.scene import Projector
 
 PROJECTOR = np.dtype(
@@ -26,10 +26,10 @@ PROJECTOR = np.dtype(
 )
 """The uniform block of common_projector.glsl, std140."""
 
-# Block and texture units of common_projector.glsl.
-_BINDING, _PATTERN, _REACHED = 1, 2, 3
-# The projector's near plane as a share of the camera's: things may stand nearer to the projector than to the cameras.
-_NEARER = 0.1
+# Uniform block and texture units of common_projector.glsl.
+_BINDING, _PATTERN, _DEPTH = 1, 2, 3
+# The projector's near plane divided by the camera's. Surfaces may be nearer to the projector than to the camera.
+_NEAR_RATIO = 0.1
 
 
 class ProjectorLight:
@@ -49,23 +49,17 @@ class ProjectorLight:
         self._pattern.repeat_x = self._pattern.repeat_y = False
         self._buffer = gl.buffer(reserve=PROJECTOR.itemsize, dynamic=True)
         self._buffer.bind_to_uniform_block(_BINDING)
-        self._reached: InstanceTransforms | None = None
+        self._depth_of: InstanceTransforms | None = None
 
-    def reach(
-        self, transforms: InstanceTransforms, draw: Callable[[InstanceTransforms, Eye, None, EyeTargets], None]
-    ) -> None:
-        """Draw the depth map of a scene's projector, with ``draw``, which draws one eye's whole view to targets.
-
-        A second call with the same transforms does nothing.
-        """
+    def draw_depth(self, transforms: InstanceTransforms, draw_view: Callable[[EyeView], None]) -> None:
+        """Draw the depth map of a scene's projector, if it has one, unless the last call had the same transforms."""
         projector = transforms.scene.projector
-        if projector is None or transforms is self._reached:
-            return
-        draw(_seen_by(projector, transforms, self._size), "left", None, self._targets)
-        self._reached = transforms
+        if projector is not None and transforms is not self._depth_of:
+            draw_view(EyeView(_seen_by(projector, transforms, self._size), "left", None, self._targets))
+            self._depth_of = transforms
 
-    def use(self, projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> None:
-        """Bind all that mesh.frag needs to draw one eye's image at a width of ``width_px``."""
+    def bind(self, projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> None:
+        """Bind all that common_projector.glsl needs to draw one eye's image at a width of ``width_px``."""
         values = np.zeros((), PROJECTOR)
         values["projector_from_window"] = _projector_from_window(projector, camera, eye, width_px).T
         values["middle_px"] = (self._size[0] - 1) / 2, (self._size[1] - 1) / 2
@@ -74,31 +68,30 @@ class ProjectorLight:
         self._buffer.orphan()
         self._buffer.write(values.tobytes())
         self._pattern.use(_PATTERN)
-        self._targets.bind(depth=_REACHED)
+        self._targets.bind(depth=_DEPTH)
 
 
 def _seen_by(projector: Projector, transforms: InstanceTransforms, size: tuple[int, int]) -> InstanceTransforms:
-    """Return the transforms of instances for a left eye at the projector's position."""
-    scene, turned = transforms.scene, projector.projector_from_camera
-    view_from_model = turned @ transforms.view_from_model
-    sky = scene.sky
-    view_from_model[sky, :3, 3] -= turned[:3, 3]  # the sky is infinitely far away from the projector, too
+    """Return the same instances for a left eye in the projector's place, with its image of ``size``."""
+    scene, projector_from_camera = transforms.scene, projector.projector_from_camera
+    view_from_model = projector_from_camera @ transforms.view_from_model
+    view_from_model[scene.sky, :3, 3] -= projector_from_camera[:3, 3]  # directions of the sky are only rotated
     # Any baseline will do; only the left eye is drawn.
     camera = StereoCamera.centred(*size, projector.focal_px, 1.0)
-    near_m = max(scene.near_m * _NEARER, LEAST)
-    pose = turned @ scene.camera_from_world
+    near_m = max(scene.near_m * _NEAR_RATIO, LEAST)
+    pose = projector_from_camera @ scene.camera_from_world
     seen = replace(scene, camera=camera, near_m=near_m, camera_from_world=pose, projector=None)
     return replace(transforms, scene=seen, view_from_model=view_from_model)
 
 
 def _projector_from_window(projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> NDArray[np.float64]:
-    """Return the matrix (4, 4) from a fragment's (x, y, 1, 1 / Z) to its point in the projector's frame, divided by Z.
+    """Return the matrix M (4, 4) of a fragment's point P in the projector's frame: P / Z = M (x, y, 1, 1 / Z).
 
-    x and y are in the window, Z is in the eye's frame. The fourth row is that of the identity.
+    (x, y) is the fragment's position in a window of ``width_px``, and Z its depth in the eye's frame.
     """
     cx, cy, fx, fy = camera.intrinsics_px(eye)
     scale = width_px / camera.width_px
-    # A window's position x is (x / scale - 1 / 2) px in the image.
+    # The window's x is at x / scale - 1 / 2 in the image.
     view_from_window = np.array(
         [[1 / scale / fx, 0, (-0.5 - cx) / fx], [0, 1 / scale / fy, (-0.5 - cy) / fy], [0, 0, 1.0]]
     )

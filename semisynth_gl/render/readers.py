@@ -1,4 +1,4 @@
-"""Read drawn pixels: by default into arrays in the computer's memory, or into buffers of the driver."""
+"""Functions that read pixels from framebuffers, into arrays in main memory or into buffers of the driver."""
 
 from typing import Any, Protocol
 
@@ -11,7 +11,7 @@ Viewport = tuple[int, int, int, int]
 
 
 class PixelReader(Protocol):
-    """Reads an attachment's pixels; returns an array (H, W) or (H, W, C), or an object that represents one."""
+    """Reads pixels of an attachment, and returns them as an array (H, W) or (H, W, C), or as a tensor."""
 
     def __call__(
         self, framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int, /
@@ -38,7 +38,7 @@ def read_array(
 
 
 class PixelBuffers:
-    """Buffers of the driver, into which pixels are copied without passing through the computer's memory.
+    """Buffers of the driver, into which pixels are copied without passing through main memory.
 
     There is one buffer for each size. The next `fill` of the same size overwrites it.
     """

@@ -1,8 +1,8 @@
-"""The renderer: models and patches are uploaded to the GPU once, then any number of scenes are drawn with them.
+"""The renderer: models and patches are uploaded to the GPU once, then any number of scenes are rendered with them.
 
-A pair takes three steps: the drawing pass of each eye (`DrawPass`: colour, disparity and other outputs), the visibility
-pass of each eye, and the readback, which also runs the correspondence and flow passes (`ReadbackPass`). `RenderOptions`
-lists the outputs. This module checks the caller's arguments and the errors that the driver reports.
+A pair takes three stages: the drawing pass of each eye (`DrawPass`: colour, disparity and other outputs), the
+visibility pass of each eye, and the readback, which also runs the correspondence and flow passes (`ReadbackPass`).
+`RenderOptions` chooses the outputs. This module checks the caller's arguments and the errors that the driver reports.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -28,7 +28,7 @@ from semisynth_gl.render.context import open_context
 from semisynth_gl.render.draw_pass import DrawPass
 from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.model_buffers import SceneBuffers
-from semisynth_gl.render.options import OF_BOTH_VIEWS, RenderOptions
+from semisynth_gl.render.options import CHANNELS_OF_BOTH_EYES, RenderOptions
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readback_pass import ReadbackPass
 from semisynth_gl.render.readers import PixelReader, read_array
@@ -40,38 +40,38 @@ Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
 
 _MOST_INSTANCE_IDS = 65535
-# Pairs have one size, and the images for lenses have a different size for each eye.
+# Number of image sizes for which targets are cached: that of pairs, and with lenses, one for each eye's raw image.
 _MOST_SIZES = 3
 _NO_ERROR, _UNKNOWN_ERROR = "GL_NO_ERROR", "GL_UNKNOWN_ERROR"
 
 
 class Renderer:
-    """Draws scenes with a fixed set of models and patches. Use it in a ``with`` block, in the thread that made it.
+    """Renders scenes with a fixed set of models and patches. Use it in a ``with`` block, in the thread that made it.
 
     Args:
         models: the meshes that `Scene.model` indexes.
         layers: the patch atlas that `Scene.layer` indexes, (L, P, P, 4) uint8 RGBA; row 0 is the top. Or (L, P, P)
             uint8 grey: then images are grey, too, (H, W).
-        large_layers: patches of a different size, (M, Q, Q, 4) or (M, Q, Q) uint8 like ``layers``; `Scene.layer` has
-            numbers from L on for them. Instances with such patches are drawn last. By default there are none.
+        large_layers: patches of a different size, (M, Q, Q, 4) or (M, Q, Q) uint8 like ``layers``. In `Scene.layer`,
+            their numbers are L to L + M - 1. Instances with these patches are drawn last. By default there are none.
         wrap: whether a patch is mirrored beyond its border, "mirror", or repeats, "repeat".
-        anisotropy: maximum number of samples of a patch, 1 to 16, for a pixel that sees the patch at a grazing angle;
-            with 1 such pixels are blurred.
+        anisotropy: maximum number of samples of a patch, 1 to 16, for a pixel that sees the patch at a grazing angle.
+            With 1, patches at a grazing angle are blurred.
         large_anisotropy: the same for large patches.
         outputs: the outputs to make besides images and disparities; see `semisynth_gl.frame.channels.RENDERED_OUTPUTS`.
         truth: the views for which disparity and outputs are made, "both" or "left".
-        rectified: False if right cameras may deviate from the rectified camera; both eyes' depths are then drawn.
+        rectified: False if right cameras may deviate from the rectified camera.
         signed: whether disparities of 0 and below are valid.
         antialias: "none", "edges", or "ssaa2" to "ssaa8"; for colour only.
         pattern: the pattern of the scenes' projectors, (H, W) uint8; None if no scene has a projector.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
-        read: reads the pixels that were drawn, by default into arrays in memory; see `PixelReader`.
+        read: reads pixels from framebuffers, by default into arrays in main memory; see `PixelReader`.
 
     Attributes:
         listener: for measurements, is called at the end of each stage ("draw", "visibility", "readback"), after the
-            driver has finished the stage. With None, the default, stages overlap. Antialiased colour is read back in
-            the stage "draw", and flow is drawn in the stage "readback".
+            driver has finished the stage. With None, the default, stages overlap. Supersampled images are read in the
+            stage "draw", and flow is computed in the stage "readback".
 
     Raises:
         BackendError: where no context can be opened, or the driver cannot hold the atlas.
@@ -112,11 +112,11 @@ class Renderer:
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
-            # Opening left the context current. At the end of this block it is not: no object may outlive its context.
+            # The context is current until the end of this block. Later, `_current` makes it current for each call.
             with self._gl:
                 patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
                 self._composer = TransformComposer(models)
-                buffers = SceneBuffers(self._gl, models, patches.ends, traced=self._options.reads_triangles)
+                buffers = SceneBuffers(self._gl, models, patches.ends, with_triangles=self._options.reads_triangles)
                 anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
                 constants = ConstantsBuffer(self._gl, signed=signed)
                 self._resources = RenderResources(
@@ -160,25 +160,25 @@ class Renderer:
     def render(
         self, scene: Scene, crop: Crop | None = None, *, future: Motion | None = None, past: Motion | None = None
     ) -> Frame:
-        """Draw one pair.
+        """Render one pair.
 
         Args:
             scene: the scene; its indices must lie within the renderer's models and layers.
-            crop: draw and return only this part of both images; its pixels equal the whole image's, bit for bit.
+            crop: the part of both images to return, with the pixels of the whole images, bit for bit; None for all.
             future: the scene's motion to the next frame, for the outputs "flow" and "disparity_change".
             past: the scene's motion to the previous frame, for the output "flow_backward".
 
         Returns:
-            Both images, and the disparities and outputs of the views that have truth, in new arrays; only a
-            reader of the caller may reuse its arrays.
+            Both images, and the disparities and outputs of the views that have truth, in new arrays, unless the
+            caller's ``read`` reuses arrays.
 
         Raises:
-            InputError: where an index or the crop is out of range, the output "instances" has too few ids, an output
-                needs a motion that is missing or not the scene's, the right camera deviates although the renderer is
-                rectified, the scene has a projector and the renderer no pattern, or float32 cannot hold an instance as
-                the camera sees it.
-            BackendError: where the image is larger than the driver allows, or drawing failed.
-            ContextLostError: where the driver took the context away; opening a new renderer may still work.
+            InputError: where an index or the crop is out of range, the output "instances" has too few ids for the
+                scene, an output needs a motion that is missing, a motion is of a different scene, the right camera
+                deviates although the renderer is rectified, the scene has a projector and the renderer no pattern, or
+                an instance is too small, too large or too far away for float32.
+            BackendError: where the image is larger than the driver allows, or the driver reports an error.
+            ContextLostError: where the context is lost, as after a reset of the GPU; a new renderer may work.
         """
         return self.render_rig(scene, [scene.camera], crop, future=future, past=past)[0]
 
@@ -191,23 +191,23 @@ class Renderer:
         future: Motion | None = None,
         past: Motion | None = None,
     ) -> list[Frame]:
-        """Draw the pairs of a scene with several cameras that differ only in the right eye; draw the left view once.
+        """Render a scene with several cameras that differ only in the right eye; draw the left view once.
 
         Args:
             scene: the scene; see `render`.
-            cameras: at least one camera; the left eye of each must be that of the scene's camera.
-            crop: the part of the images to draw; see `render`.
+            cameras: at least one camera; their left eyes must be that of the scene's camera.
+            crop: the part of the images to return; see `render`.
             future: the motion to the next frame, with the scene's own camera; see `render`.
             past: the motion to the previous frame, with the scene's own camera; see `render`.
 
         Returns:
-            The pair of each camera, bit for bit as `render` draws the scene with that camera. Channels that all left
-            views have in common are the same read-only array in all of them. If there are several cameras, the
-            renderer's reader must return new arrays.
+            The pair of each camera, bit for bit as `render` returns it for the scene with that camera. A channel of the
+            left view that does not depend on the right eye is the same read-only array in all pairs. With several
+            cameras, the renderer's ``read`` must return new arrays.
 
         Raises:
             InputError: where there is no camera, a camera differs in the left eye, or `render` raises it.
-            BackendError: as `render` does.
+            BackendError, ContextLostError: as `render` does.
         """
         self._check_open()
         motions = {"future": future, "past": past}
@@ -218,7 +218,7 @@ class Renderer:
             transforms = [self._composer.compose(replace(scene, camera=camera)) for camera in cameras]
             for pair in self._drawing.draw(transforms, crop, target_set):
                 self._finish("draw")
-                self._reading.find_visibility(pair)
+                self._reading.compute_visibility(pair)
                 self._finish("visibility")
                 camera = pair.transforms.scene.camera
                 self._reading.read(pair, {name: motion and motion.seen_by(camera) for name, motion in motions.items()})
@@ -226,14 +226,14 @@ class Renderer:
                 shown_camera = camera if crop is None else camera.cropped(crop)
                 frames.append(Frame(shown_camera, ViewArrays(pair.views["left"]), ViewArrays(pair.views["right"])))
         for name, array in frames[0].left.items() if len(frames) > 1 else ():
-            if name not in OF_BOTH_VIEWS and isinstance(array, np.ndarray):
+            if name not in CHANNELS_OF_BOTH_EYES and isinstance(array, np.ndarray):
                 array.flags.writeable = False
         return frames
 
     def _check_request(
         self, scene: Scene, cameras: Sequence[StereoCamera], motions: Mapping[str, Motion | None]
     ) -> None:
-        """Raise InputError where the scene cannot be drawn with the cameras, or a motion is missing or does not fit."""
+        """Raise InputError where the scene, a camera or a motion does not fit the renderer or the scene."""
         if not cameras:
             raise InputError("expected at least one, got none", argument="cameras")
         for camera in cameras:
@@ -242,11 +242,11 @@ class Renderer:
                     f"cameras: expected cameras that differ from the scene's only in the right eye, {scene.camera}, "
                     f"got {camera}"
                 )
-            self._check(replace(scene, camera=camera))
-        for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
-            self._check(shown)
+            self._check_scene(replace(scene, camera=camera))
+        for checked in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
+            self._check_scene(checked)
         for name, motion in motions.items():
-            outputs = self._options.needing(name)
+            outputs = self._options.outputs_of(name)
             if outputs and motion is None:
                 raise InputError(f"the output {outputs[0]} needs the scene's motion: render(scene, {name}=Motion(...))")
             if motion is not None and motion.scene.camera != scene.camera:
@@ -255,22 +255,21 @@ class Renderer:
                 )
 
     def render_images(self, scene: Scene, eyes: Collection[Eye] = EYES) -> dict[Eye, NDArray[np.uint8]]:
-        """Draw only the images of a pair, without its truth, as `render` draws them.
+        """Render only the images of a pair, without its truth. The images are those of `render`.
 
         Args:
             scene: the scene; its indices must lie within the renderer's models and layers.
-            eyes: the eyes whose images are drawn, "left", "right" or both.
+            eyes: "left", "right" or both.
 
         Returns:
             The image of each of these eyes, (H, W, 3) uint8 RGB or (H, W) grey.
 
         Raises:
-            InputError: where the scene cannot be drawn, as in `render`, or an eye is neither left nor right.
-            BackendError: where the image is larger than the driver allows, or drawing failed.
-            ContextLostError: where the driver took the context away; opening a new renderer may still work.
+            InputError: where the scene does not fit the renderer, as in `render`, or an eye is neither left nor right.
+            BackendError, ContextLostError: as `render` does.
         """
         self._check_open()
-        self._check(scene)
+        self._check_scene(scene)
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"expected some of {', '.join(EYES)}, got {eyes!r}", argument="eyes")
         with self._current():
@@ -283,7 +282,7 @@ class Renderer:
         size, cached = (camera.width_px, camera.height_px), self._target_sets
         cached[size] = cached.pop(size) if size in cached else TargetSet(self._resources, size)
         if len(cached) > _MOST_SIZES:
-            # moderngl binds the framebuffer in use again after it makes a new one, so release none that is in use.
+            # After it makes a framebuffer, moderngl binds the one in use again. So none in use may be released.
             self._gl.screen.use()
             cached.pop(next(iter(cached))).release()
         return cached[size]
@@ -296,15 +295,15 @@ class Renderer:
 
     @contextmanager
     def _current(self) -> Iterator[None]:
-        """Make the context current, since a different renderer's may be; raise errors that the driver reports."""
+        """Make the context current, since another renderer's may be; raise errors that the driver reports."""
         with self._gl:
             try:
                 yield
             except moderngl.Error as error:
-                raise self._fault(str(error)) from None
+                raise self._error_of(str(error)) from None
             reported = self._gl.error
             if reported != _NO_ERROR or self._context.functions.is_lost():
-                raise self._fault(reported)
+                raise self._error_of(reported)
 
     def _check_open(self) -> None:
         """Raise BackendError if the renderer was released, or was made by a different process or thread.
@@ -315,18 +314,19 @@ class Renderer:
             raise BackendError("this renderer was released: open a new one")
         self._context.check_owner()
 
-    def _fault(self, error: str) -> BackendError:
-        """Return the error to raise for a drawing that failed."""
-        # moderngl knows all errors of a working context; an unknown error means that the context is lost.
-        if self._context.functions.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
+    def _error_of(self, reported: str) -> BackendError:
+        """Return the error to raise for one that moderngl or the driver has reported."""
+        # moderngl knows all errors of a working context, so an unknown error means that the context is lost.
+        if self._context.functions.is_lost() or _UNKNOWN_ERROR in (self._gl.error, reported):
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
-        return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
+        return BackendError(f"{self.renderer_name} reported {reported} while drawing a pair")
 
     def release(self) -> None:
         """Free the context and all that it holds; a second call does nothing."""
         self._free()
 
-    def _check(self, scene: Scene) -> None:
+    def _check_scene(self, scene: Scene) -> None:
+        """Raise InputError where a scene does not fit the renderer's options, models and patches."""
         if self._options.rectified and not scene.camera.rectified:
             raise InputError(
                 f"scene: its right camera deviates ({scene.camera.deviation}), which needs Renderer(rectified=False)"

@@ -1,4 +1,4 @@
-"""The targets of images and pairs of one size, and a pair between its passes."""
+"""All targets of one image size, and a pair that was drawn to them."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,10 +12,10 @@ COLOUR = ("colour",)
 
 
 class TargetSet:
-    """All targets for images and pairs of one size, each made when a pass first asks for it.
+    """The targets for images of one size, one for each purpose. They are made when a pass first asks for them.
 
-    Targets are cached by their ``use`` alone: all calls with one ``use`` must ask for the same attachments and factor.
-    Both methods raise BackendError if the driver refuses the ``size``, width and height in px.
+    All calls with one ``purpose`` must ask for the same attachments and factor. ``size`` is width and height, px.
+    Methods raise BackendError if the driver refuses the size.
     """
 
     def __init__(self, resources: RenderResources, size: tuple[int, int]) -> None:
@@ -24,7 +24,7 @@ class TargetSet:
         self._without_depth: dict[str, Targets] = {}
 
     def with_depth(self, purpose: str, names: tuple[str, ...], factor: int = 1) -> EyeTargets:
-        """Return the targets of a drawing pass with these attachments, ``factor`` times as wide and high."""
+        """Return the targets of a drawing pass with attachments of these names, ``factor`` times as wide and high."""
         if purpose not in self._with_depth:
             resources, size = self._resources, (self.size[0] * factor, self.size[1] * factor)
             blended = resources.options.outlines and "colour" in names
@@ -34,7 +34,7 @@ class TargetSet:
         return self._with_depth[purpose]
 
     def without_depth(self, purpose: str, attachments: dict[str, Attachment]) -> Targets:
-        """Return the targets of a pass over the whole image."""
+        """Return the targets of a pass that needs no depth buffer."""
         if purpose not in self._without_depth:
             self._without_depth[purpose] = Targets(
                 self._resources.context, self.size, attachments, self._resources.read

@@ -1,4 +1,4 @@
-"""The framebuffers of one eye and one image size, created once and reused for every pair."""
+"""Framebuffers with named attachments, created once for an image size and reused for every pair."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,29 +8,31 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame.camera import Crop
+from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.options import attachment_of, pass_of
 from semisynth_gl.render.readers import PixelReader, Viewport, read_array
 
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A texture that a pass draws into."""
+    """A texture that a pass writes."""
 
     components: int  # components that are read back
     kind: str  # moderngl's name for the components' type, such as "f4"
-    nothing: float  # value of the components in pixels where nothing is drawn
+    nothing: float  # value in pixels that show nothing
 
 
-def _attachments(drawn_by: str) -> dict[str, Attachment]:
+def _attachments(pass_name: str) -> dict[str, Attachment]:
+    """Return the attachments for all channels that a pass can write."""
     attachments = {}
     for channel in CHANNELS.values():
-        if pass_of(channel) == drawn_by:
+        if pass_of(channel) == pass_name:
             name = attachment_of(channel)
-            # Colours are stored as bytes that mean 0 to 1, since the driver filters and averages them.
+            # "f1" is a byte that means 0 to 1: shaders sample and average colours as floats.
             kind = "f1" if name == "colour" else f"{channel.dtype.kind}{channel.dtype.itemsize}"
             attachments[name] = Attachment(channel.components, kind, channel.fill)
     return attachments
@@ -45,33 +47,22 @@ DRAWING = {
 _GREY = Attachment(1, "f1", 0)
 VISIBILITY = _attachments("visibility")
 CORRESPONDENCE = {**_attachments("correspondence"), "disparity": DRAWING["disparity"], **VISIBILITY}
-"""Attachments of the correspondence pass, which also finds the disparity and visibility of a pair that deviates."""
+"""Attachments of the correspondence pass, which also computes disparity and visibility where right cameras deviate."""
 FLOW = _attachments("flow")
 
 
-def window(crop: Crop | None, size: tuple[int, int]) -> Viewport:
-    """Return a crop of an image, or all of it, as OpenGL's rectangle; window y runs downwards like the image's y."""
+def viewport_of(crop: Crop | None, size: tuple[int, int]) -> Viewport:
+    """Return a crop of an image, or all of it, as OpenGL's viewport; window y runs downwards like the image's y."""
     return (0, 0, *size) if crop is None else (crop.x_px, crop.y_px, crop.width_px, crop.height_px)
 
 
 class Targets:
     """A framebuffer with named attachments and, if the caller passes one, a depth buffer.
 
-    Texture look-ups in the attachments return unfiltered pixels; beyond the image, they return pixels of its border.
+    ``size`` is width and height, px; ``attachments`` are in the order of the shader's outputs. Shaders' look-ups in
+    attachments are not filtered. Beyond the image, they return its nearest pixel.
 
-    Args:
-        context: the context.
-        size: width and height, px.
-        attachments: the attachments by name, in the order of the shader's outputs.
-        read: reads the pixels of an attachment.
-        depth_buffer: the depth buffer.
-
-    Attributes:
-        attachments: the attachments by name.
-        framebuffer: the framebuffer.
-
-    Raises:
-        BackendError: where the driver has no textures or framebuffers of that size.
+    Raises BackendError where the driver has no textures or framebuffers of that size.
     """
 
     def __init__(
@@ -103,8 +94,8 @@ class Targets:
         return tuple(self.attachments)
 
     def limit(self, part: Crop | None) -> None:
-        """Restrict drawing and clearing to a rectangle until the next call; None is the whole image."""
-        self.framebuffer.scissor = window(part, self.framebuffer.size)
+        """Restrict drawing and clearing to a part of the image until the next call; None is the whole image."""
+        self.framebuffer.scissor = viewport_of(part, self.framebuffer.size)
 
     def bind(self, **units: int) -> None:
         """Bind attachments' textures to texture units, for example ``bind(depth=0)``."""
@@ -119,8 +110,8 @@ class Targets:
     def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
         """Return an attachment, or a crop of it, as the reader does: by default an array (H, W[, C]), top row first."""
         number, attachment = self.names.index(name), self.attachments[name]
-        rectangle = window(crop, self.framebuffer.size)
-        return self._read(self.framebuffer, rectangle, number, attachment.kind, attachment.components)
+        viewport = viewport_of(crop, self.framebuffer.size)
+        return self._read(self.framebuffer, viewport, number, attachment.kind, attachment.components)
 
     def release(self) -> None:
         """Free all resources except the depth buffer; the framebuffer first, since it refers to its attachments."""
@@ -132,7 +123,7 @@ class Targets:
 class BlendTargets:
     """A framebuffer to blend into the colour of a drawing pass, and a copy of that colour for shaders to read.
 
-    The drawing pass's depth is tested, but not written.
+    Blending tests the drawing pass's depth, but does not write it.
     """
 
     def __init__(self, context: GraphicsContext, colour: moderngl.Texture, depth_buffer: moderngl.Renderbuffer) -> None:
@@ -147,7 +138,7 @@ class BlendTargets:
         """Copy the colour, bind the copy to a texture unit, and bind the framebuffer for the image or a part of it."""
         self._gl.copy_framebuffer(self._copied, self._framebuffer)
         self._copy.use(unit)
-        self._framebuffer.scissor = window(part, self._framebuffer.size)
+        self._framebuffer.scissor = viewport_of(part, self._framebuffer.size)
         self._framebuffer.use()
 
     def release(self) -> None:
@@ -159,20 +150,11 @@ class BlendTargets:
 class EyeTargets(Targets):
     """The targets of one eye's drawing pass, with a 32-bit float depth buffer.
 
-    Args:
-        context: the context.
-        size: width and height, px.
-        names: attachments of the drawing pass, from `DRAWING`, in the order of the shader's outputs.
-        grey: whether colour has one component.
-        blended: whether outlines are blended into the colour.
-        read: reads the pixels of an attachment.
+    ``names`` are attachments of `DRAWING`, in the order of the shader's outputs. Raises BackendError as `Targets` does.
 
     Attributes:
-        disparity: target of the disparity that is computed from 1 / Z; None without the attachment "inverse_depth".
-        blending: targets for blending into the colour, or None.
-
-    Raises:
-        BackendError: where the driver has no images of that size.
+        disparity: targets of the disparity that is computed from 1 / Z; None without the attachment "inverse_depth".
+        blending: targets for blending outlines into the colour; None without ``blended``.
     """
 
     def __init__(
@@ -196,14 +178,14 @@ class EyeTargets(Targets):
         context.functions.make_depth_float32(self._depth_buffer.glo, *size)
         attachments = {name: _GREY if grey and name == "colour" else DRAWING[name] for name in names}
         super().__init__(context, size, attachments, read, self._depth_buffer)
-        self._depth_alone = context.gl.framebuffer(depth_attachment=self._depth_buffer)
+        self._depth_only = context.gl.framebuffer(depth_attachment=self._depth_buffer)
         self.disparity: Targets | None = None
         if "inverse_depth" in self.attachments:
             self.disparity = Targets(context, size, {"disparity": DRAWING["disparity"]}, read)
         self.blending = BlendTargets(context, self._textures["colour"], self._depth_buffer) if blended else None
 
     def bind(self, **units: int) -> None:
-        """Bind attachments as `Targets.bind` does, including a disparity that is computed from 1 / Z."""
+        """Bind attachments as `Targets.bind` does, or the disparity that is computed from 1 / Z."""
         if self.disparity is not None and "disparity" in units:
             self.disparity.bind(disparity=units.pop("disparity"))
         super().bind(**units)
@@ -226,15 +208,15 @@ class EyeTargets(Targets):
             self._functions.clear_depth(0.0)
 
     def use_depth(self, part: Crop | None) -> None:
-        """Bind a framebuffer with only the drawing pass's depth, for a part of the image or all of it."""
-        self._depth_alone.scissor = window(part, self.framebuffer.size)
-        self._depth_alone.use()
+        """Bind a framebuffer with only the drawing pass's depth, restricted to a part of the image; None is all."""
+        self._depth_only.scissor = viewport_of(part, self.framebuffer.size)
+        self._depth_only.use()
 
     def read_depth(self, part: Crop | None) -> NDArray[np.float32]:
         """Return the depth buffer, or a part of it, as (H, W) float32: near / Z, and 0 where nothing is drawn."""
-        rectangle = window(part, self.framebuffer.size)
-        depth = np.empty((rectangle[3], rectangle[2]), np.float32)
-        self.framebuffer.read_into(depth, rectangle, 1, attachment=-1, dtype="f4", alignment=1)
+        viewport = viewport_of(part, self.framebuffer.size)
+        depth = np.empty((viewport[3], viewport[2]), np.float32)
+        self.framebuffer.read_into(depth, viewport, 1, attachment=-1, dtype="f4", alignment=1)
         return depth
 
     def release(self) -> None:
@@ -243,6 +225,21 @@ class EyeTargets(Targets):
             self.disparity.release()
         if self.blending is not None:
             self.blending.release()
-        self._depth_alone.release()
+        self._depth_only.release()
         super().release()
         self._depth_buffer.release()
+
+
+@dataclass(frozen=True, slots=True)
+class EyeView:
+    """One eye's view of a scene, to be drawn to targets."""
+
+    transforms: InstanceTransforms  # the scene's instances
+    eye: Eye
+    part: Crop | None  # the part of the image that is drawn, or None for all of it
+    targets: EyeTargets
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the part, px."""
+        return viewport_of(self.part, self.targets.framebuffer.size)[2:]

@@ -37,7 +37,7 @@ def drawn(backend, monkeypatch):
 
     original = SceneBuffers.select
     monkeypatch.setattr(SceneBuffers, "select", select)
-    for name, value in {"_FEWEST_TRIANGLES": 1, "_RUN_TRIANGLES": 16, "TILE_PX": 4}.items():
+    for name, value in {"_FEWEST_TRIANGLES": 1, "_CLUSTER_TRIANGLES": 16, "TILE_PX": 4}.items():
         monkeypatch.setattr(occlusion, name, value)
     return counts
 
@@ -47,16 +47,16 @@ def assert_unchanged(renderer, scene):
     found, part = renderer.render(scene), renderer.render(scene, CROP)
     drawing = renderer._drawing  # noqa: SLF001 - there is no option
     searching = [owner for owner in (drawing, drawing._edges) if owner is not None]  # noqa: SLF001
-    search = drawing._occlusion  # noqa: SLF001
+    search = drawing._culler  # noqa: SLF001
     for owner in searching:
-        owner._occlusion = None  # noqa: SLF001
+        owner._culler = None  # noqa: SLF001
     expected = renderer.render(scene)
     if drawing._edges is not None:  # noqa: SLF001
         # The only tile that is left covers the image: what lies beyond a texture may be anything.
         with renderer._gl:  # noqa: SLF001
             assert drawing._edges._programs[0]["tile_px"].value == CAMERA.width_px  # noqa: SLF001
     for owner in searching:
-        owner._occlusion = search  # noqa: SLF001
+        owner._culler = search  # noqa: SLF001
     assert_equal(found, expected)
     assert_equal(part, expected, CROP)
 
@@ -66,7 +66,7 @@ def assert_unchanged(renderer, scene):
     "options", [{"outputs": ("visibility", "instances", "normals")}, {"antialias": "ssaa2"}, {"antialias": "edges"}]
 )
 def test_crowds_are_as_if_everything_were_drawn(backend, drawn, monkeypatch, hiding, options):
-    monkeypatch.setattr(occlusion, "_HIDING", hiding)
+    monkeypatch.setattr(occlusion, "_OCCLUDERS_SHARE", hiding)
     rng, count = np.random.default_rng(7), 80
     solid, open_mesh = (SIMPLE_KINDS[name](rng) for name in ("sphere", "torus"))
     meshes, large = [marked_solid(solid), open_mesh, SQUARE], noise_layers(2, 32, seed=1)
@@ -98,7 +98,7 @@ def test_crowds_are_as_if_everything_were_drawn(backend, drawn, monkeypatch, hid
     ],
 )
 def test_what_looks_out_is_drawn(backend, drawn, monkeypatch, far, seen):
-    monkeypatch.setattr(occlusion, "_HIDING", 0.5)
+    monkeypatch.setattr(occlusion, "_OCCLUDERS_SHARE", 0.5)
     poses = np.stack([facing(CAMERA, *place) for place in ((4, 4, 120, 90, 1.0), far)])
     scene = make_scene(CAMERA, model=[0, 0], world_from_model=poses, layer=[0, 1], near_m=0.5)
     with Renderer([SQUARE], noise_layers(2, 16), backend=backend) as renderer:

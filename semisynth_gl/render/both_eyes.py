@@ -1,4 +1,4 @@
-"""The passes that compare both eyes' views: whether and where the other eye sees the points of one view."""
+"""The passes that compare both eyes' views: whether and where the other eye sees the points of one eye's view."""
 
 import numpy as np
 
@@ -10,19 +10,19 @@ from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY, Targets
 from semisynth_gl.render.work_list_steps import WorkListSteps
 
 _TILE_PX = 4
-# Maximum number of work-list entries of a tile in the visibility pass: two for the tile, and one for each pixel.
+# Room in the visibility pass's work lists for each tile: the tile in two lists, its pixels in the third one.
 _ENTRIES = 2 + _TILE_PX**2
 
 
 class VisibilityPass:
-    """Marks the pixels of one eye's image that the other eye sees too, in four compute steps; see visibility.comp."""
+    """Computes whether the other eye sees the points that one eye sees, in rectified pairs; see visibility.comp."""
 
     def __init__(self, resources: RenderResources) -> None:
         self._resources = resources
         self._steps = WorkListSteps(resources.context, "visibility.comp", 4, _TILE_PX, _ENTRIES)
 
-    def draw(self, pair: DrawnPair, eye: Eye) -> None:
-        """Fill the targets of one eye's visibility, or a crop of them, from both eyes' disparities and surfaces."""
+    def compute(self, pair: DrawnPair, eye: Eye) -> None:
+        """Compute the visibility of one eye's view, or of a crop of it, from both eyes' disparities and surfaces."""
         targets, other = pair.targets.without_depth(f"visibility {eye}", VISIBILITY), OTHER_EYE[eye]
         targets.limit(pair.crop)
         targets.bind_to_images(visibility=0)
@@ -40,19 +40,19 @@ class CorrespondencePass:
 
     def __init__(self, resources: RenderResources) -> None:
         self._resources = resources
-        # Tiles are single pixels, and there is one list of them.
+        # The first step handles single pixels, and there is one work list.
         self._steps = WorkListSteps(resources.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
 
-    def draw(self, pair: DrawnPair, eye: Eye) -> Targets:
+    def compute(self, pair: DrawnPair, eye: Eye) -> Targets:
         """Compute the correspondences of one eye's view; return the targets of `CORRESPONDENCE`.
 
-        The next call overwrites the targets. In a rectified pair, the correspondences are computed from the view's
-        disparities, and the targets' disparity and visibility are not used: other passes compute these better.
+        The next call overwrites the targets. In a rectified pair, ignore the targets' disparity and visibility: the
+        drawing pass and the visibility pass make these.
         """
         targets = pair.targets.without_depth("correspondence", CORRESPONDENCE)
         scene, camera, other = pair.transforms.scene, pair.transforms.scene.camera, OTHER_EYE[eye]
         self._steps.set("rectified", camera.rectified)
-        self._steps.set("turn_and_shift", _turn_and_shift(camera, eye))
+        self._steps.set("change_and_shift", _change_and_shift(camera, eye))
         own_lens, lens = np.array(camera.intrinsics_px(eye)), np.array(camera.intrinsics_px(other))
         self._steps.set("own_lens", tuple(own_lens))
         self._steps.set("lens_change", tuple(lens - own_lens))
@@ -65,8 +65,8 @@ class CorrespondencePass:
         return targets
 
 
-def _turn_and_shift(camera: StereoCamera, eye: Eye) -> list[tuple[float, ...]]:
-    """Return the three rows of R - 1 and the shift of the transform from one eye's frame to the other eye's."""
+def _change_and_shift(camera: StereoCamera, eye: Eye) -> list[tuple[float, ...]]:
+    """Return the three rows of R - I and the shift of the transform from one eye's frame to the other eye's."""
     other = OTHER_EYE[eye]
     own_turn, other_turn = (np.eye(3) if turn is None else turn for turn in (camera.turn(eye), camera.turn(other)))
     shift = other_turn @ (camera.offset_m(eye) - camera.offset_m(other), 0.0, 0.0)
