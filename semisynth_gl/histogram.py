@@ -56,10 +56,6 @@ class Histogram:
         # Rounding may make cumulative shares decrease slightly, which would give negative shares.
         return type(self)(edges, np.diff(np.maximum.accumulate(np.minimum(cumulative, 1.0))))
 
-    def at_baseline(self, ratio: float, doffs_px: float) -> Self:
-        """Return the histogram of the same surfaces for a rig with ``ratio`` times the baseline and the same doffs."""
-        return type(self)(ratio * (self.edges_px + doffs_px) - doffs_px, self.shares)
-
     def _at_edges(self) -> NDArray[np.float64]:
         return np.concatenate([[0.0], np.cumsum(self.shares)])
 

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.explain import config_keys, meaning, section_of
-from semisynth_gl.config.fields import written_range
+from semisynth_gl.config.fields import range_to_yaml
 from semisynth_gl.config.yaml_values import write_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,7 +75,7 @@ def _default(field: FieldInfo) -> str:
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a config
     if isinstance(value, Range):
-        value = written_range(value)
+        value = range_to_yaml(value)
     if isinstance(value, list | tuple):
         return [_plain(each) for each in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -8,9 +8,9 @@ import click
 
 from semisynth_gl.cli.options import COUNT, MOST_WORKERS, NATURAL, Command, option, scene_config, scene_options, split
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.frame.channels import OUTPUTS
 from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.plugins import BUILT_IN
 from semisynth_gl.seeds.splits import SplitName
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
 @option(
     "--layout",
     metavar="NAME",
-    help=f"Folders, names and encodings of the files: {', '.join(LAYOUTS)}, or a plug-in's.  [default: the config's, "
-    "else middlebury, or webdataset from 10,000 pairs on]",
+    help=f"Folders, names and encodings of the files: {', '.join(BUILT_IN['layouts'])}, or a plug-in's.  "
+    "[default: the config's, else middlebury, or webdataset from 10,000 pairs on]",
 )
 @option(
     "--outputs",

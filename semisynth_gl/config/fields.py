@@ -1,7 +1,7 @@
 """The base class of all sections of a config, and the types of their values."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, Self, TypeGuard
 
@@ -36,10 +36,6 @@ class ConfigError(ValueError):
         self.keys = tuple(keys)
 
 
-Rule = tuple[bool, str, Iterable[str]]
-"""Whether a rule over several keys is broken; the message; and the keys, as in `ConfigError`."""
-
-
 class ConfigSection(BaseModel):
     """Base class of all sections: unknown keys are errors, types are not converted, and sections are immutable.
 
@@ -48,16 +44,13 @@ class ConfigSection(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
-    def _rules(self) -> Iterator[Rule]:
-        """Yield rules over several keys, whose single values are valid; the first broken rule is reported."""
-        yield from ()
-
     @model_validator(mode="after")
-    def _keys_go_together(self) -> Self:
-        for is_broken, text, keys in self._rules():
-            if is_broken:
-                raise ConfigError(text, keys)
+    def _validate_rules(self) -> Self:
+        self._check_rules()
         return self
+
+    def _check_rules(self) -> None:
+        """Raise ConfigError if the keys of the section, which are valid one by one, contradict each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,12 +91,11 @@ def _parse_range(value: object) -> Range:
         return value
     ends = value if isinstance(value, (list, tuple)) else (value, value)
     if len(ends) != 2 or not all(map(is_number, ends)) or ends[0] > ends[1]:
-        are_large = any(isinstance(end, int | float) and abs(end) > LARGEST for end in ends)
-        raise ValueError("expected a number or [low, high] with low <= high" + f", of at most {LARGEST:g}" * are_large)
+        raise ValueError(f"expected a number or [low, high] with low <= high, up to {LARGEST:g}")
     return Range(float(ends[0]), float(ends[1]))
 
 
-def written_range(value: Range) -> float | list[float]:
+def range_to_yaml(value: Range) -> float | list[float]:
     """Return a range as a config states it: a number, or [low, high]."""
     return value.low if value.low == value.high else [value.low, value.high]
 
@@ -128,21 +120,20 @@ def one_of(names: Iterable[str]) -> AfterValidator:
     return _rule(known.__contains__, f"one of {', '.join(known)}")
 
 
-# Converts a YAML list into a tuple, since immutable sections have tuples.
+# Converts a list from YAML into a tuple: sections are immutable.
 FROM_LIST = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
-Weight = NotNegative
 Share = Annotated[float, Field(ge=0, le=1)]
-_NAME = re.compile("[A-Za-z0-9][A-Za-z0-9-]*")
-Name = Annotated[str, Field(max_length=100), _rule(_NAME.fullmatch, "letters, digits and hyphens")]
+_HYPHENATED = re.compile("[A-Za-z0-9][A-Za-z0-9-]*")
+Name = Annotated[str, Field(max_length=100), _rule(_HYPHENATED.fullmatch, "letters, digits and hyphens")]
 PluginName = Annotated[str, Field(min_length=1, max_length=100)]
 PathText = Annotated[str, _rule(lambda text: text and "\0" not in text, "a path")]
 
 # A plain validator, since pydantic would otherwise build a schema of `Range` for each use, which is slow.
-RangeField = Annotated[Range, PlainValidator(_parse_range), PlainSerializer(written_range)]
+RangeField = Annotated[Range, PlainValidator(_parse_range), PlainSerializer(range_to_yaml)]
 PositiveRange = Annotated[RangeField, within(SMALLEST)]
 NotNegativeRange = Annotated[RangeField, within(0)]
 Vector = Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)]

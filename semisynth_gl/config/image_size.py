@@ -3,18 +3,18 @@
 from collections.abc import Callable
 from typing import Any
 
-from semisynth_gl.config.fields import Range, is_number, written_range
+from semisynth_gl.config.fields import Range, is_number, range_to_yaml
 from semisynth_gl.config.layers import Values
 from semisynth_gl.config.model import Config
 
 # Keys that end in _px are in pixels of a pattern or a patch in these sections, and elsewhere in pixels of an image.
-_OTHER_PIXELS = ("projector", "textures")
+_OTHER_PIXELS = {"projector", "textures"}
 _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px", "raw_width_px", "raw_height_px")
 _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height_px"}
 
-# Called as change(section, key, number); returns the new number.
-Change = Callable[[str, str, float], float]
+# Returns the new value of a number, given the keys around the number, such as ("camera", "focal_px").
+Change = Callable[[tuple[str, ...], float], float]
 
 
 def recentred(below: Values, above: Values) -> Values:
@@ -27,14 +27,15 @@ def recentred(below: Values, above: Values) -> Values:
     if not (isinstance(before, dict) and isinstance(stated, dict)):
         return below
 
-    def moved(section: str, key: str, at: float) -> float:
-        side = _POINTS.get(key, "")
+    def moved(keys: tuple[str, ...], at: float) -> float:
+        side = _POINTS.get(keys[-1])
         old, new = before.get(side), stated.get(side)
-        if section == "camera" and key not in stated and is_number(old) and is_number(new) and old != new:
+        is_stated = keys[0] == "camera" and keys[-1] in stated
+        if "camera" in keys and not is_stated and is_number(old) and is_number(new) and old != new:
             return (new - 1) / 2 + (at - (old - 1) / 2)
         return at
 
-    return _changed(below, moved)
+    return dict(_changed(below, moved))
 
 
 def scaled(values: Values, factor: float) -> Values:
@@ -43,10 +44,11 @@ def scaled(values: Values, factor: float) -> Values:
     Defaults in pixels are scaled too, so the result states them.
     """
 
-    def at_scale(section: str, key: str, value: float) -> float:
+    def at_scale(keys: tuple[str, ...], value: float) -> float:
+        key = keys[-1]
         if key == _TEXELS:
             return value / factor
-        if section in _OTHER_PIXELS or not key.endswith("_px"):
+        if not key.endswith("_px") or _OTHER_PIXELS.intersection(keys):
             return value
         if key in _SIDES:
             return max(round(value * factor), 1)
@@ -58,24 +60,16 @@ def scaled(values: Values, factor: float) -> Values:
     for name, section in Config.model_fields.items():
         fields = getattr(section.annotation, "model_fields", {})
         ranges = {key: field.default for key, field in fields.items() if isinstance(field.default, Range)}
-        stated = {key: written_range(each) for key, each in ranges.items() if key.endswith("_px") or key == _TEXELS}
+        stated = {key: range_to_yaml(each) for key, each in ranges.items() if key.endswith("_px") or key == _TEXELS}
         if stated and isinstance(given := values.get(name, {}), dict):
             full[name] = stated | given
-    return _changed(full, at_scale)
+    return dict(_changed(full, at_scale))
 
 
-def _changed(values: Values, change: Change) -> Values:
-    """Return the values with all numbers in sections changed, also in recipes."""
-
-    def changed(section: str, key: str, value: Any) -> Any:  # noqa: ANN401 - any YAML value
-        """Change all numbers in a value; ``key`` is the innermost key around it."""
-        if isinstance(value, dict):
-            return {name: changed(section, name, each) for name, each in value.items()}
-        if isinstance(value, list):
-            return [changed(section, key, each) for each in value]
-        return change(section, key, value) if is_number(value) else value
-
-    result = {name: changed(name, "", each) for name, each in values.items()}
-    if isinstance(recipes := values.get("scenes"), list):
-        result["scenes"] = [_changed(each, change) if isinstance(each, dict) else each for each in recipes]
-    return result
+def _changed(value: Any, change: Change, keys: tuple[str, ...] = ()) -> Any:  # noqa: ANN401 - any YAML value
+    """Return a value with all numbers inside it changed; ``keys`` are the keys around it."""
+    if isinstance(value, dict):
+        return {name: _changed(each, change, (*keys, name)) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_changed(each, change, keys) for each in value]
+    return change(keys, value) if is_number(value) else value

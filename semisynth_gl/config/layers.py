@@ -1,7 +1,7 @@
 """Merges configs key by key: a config over the config that it extends, and a recipe over the config."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from semisynth_gl.config.yaml_values import KeyPath
@@ -50,7 +50,7 @@ class ConfigLayer:
     """
 
     values: Values
-    places: dict[KeyPath, str] = field(default_factory=dict)
+    places: dict[KeyPath, str]
 
     def over(self, below: "ConfigLayer") -> "ConfigLayer":
         """Return this layer merged over the layer ``below``; see `merged`."""
@@ -69,7 +69,7 @@ class ConfigLayer:
         return f"{start}: {text}" + (f" (with {', '.join(notes)})" if notes else "")
 
     def _home(self, key: KeyPath) -> KeyPath:
-        """Return the key whose place a message shows: ``key``, the nearest section around it, a key in it, or ()."""
+        """Return the key with a place that is nearest to ``key``: itself, a section around it, a key in it, or ()."""
         around = (key[:n] for n in range(len(key), 0, -1) if key[:n] in self.places)
         return next(around, next((each for each in self.places if key and each[: len(key)] == key), ()))
 

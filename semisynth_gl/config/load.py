@@ -10,7 +10,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.errors import fault_lines
 from semisynth_gl.config.fields import LARGEST, SMALLEST, is_number
 from semisynth_gl.config.image_size import recentred, scaled
@@ -20,7 +19,7 @@ from semisynth_gl.config.yaml_values import MOST_BYTES, KeyPath, YamlError, read
 from semisynth_gl.inputs.errors import InputError, cut, did_you_mean, shown
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, read_file
-from semisynth_gl.plugins import find_plugin, installed_plugins
+from semisynth_gl.plugins import BUILT_IN, find_plugin, installed_plugins
 
 Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
 
@@ -40,8 +39,8 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     """Read a config.
 
     If an override or an extending config changes ``camera.width_px`` or ``height_px``, but states no principal points,
-    these keep their distance from the image's middle. Before other keys are merged, ``scale`` changes the resolution of
-    the config that a file extends or an override changes.
+    these keep their distance from the image's middle. A key ``scale`` of a file changes the resolution of the config
+    that the file extends; an override of ``scale`` changes the resolution of the whole file.
 
     Args:
         name_or_path: a path, or the name of a packaged config with or without ".yaml".
@@ -68,9 +67,9 @@ def _validated(layer: ConfigLayer) -> Config:
         config = Config.model_validate(layer.values)
     except ValidationError as error:
         raise InputError(fault_lines(error, layer)) from None
-    installed_plugins()  # refuses plug-ins with names of built-in things
+    installed_plugins()  # raises if two plug-ins, or a plug-in and a built-in layout or texture source, share a name
     used = config.used_plugins()
-    if config.layout is not None and config.layout not in LAYOUTS:
+    if config.layout is not None and config.layout not in BUILT_IN["layouts"]:
         used["layout",] = ("layouts", config.layout)
     for key, (group, name) in used.items():
         with _errors_at(layer, key):
@@ -79,12 +78,12 @@ def _validated(layer: ConfigLayer) -> Config:
 
 
 @contextmanager
-def _errors_at(layer: ConfigLayer, *keys: KeyPath) -> Iterator[None]:
-    """Put the places of keys in front of the message of an InputError."""
+def _errors_at(layer: ConfigLayer, key: KeyPath) -> Iterator[None]:
+    """Put a key and its place in front of the message of an InputError of the block."""
     try:
         yield
     except InputError as error:
-        raise type(error)(layer.message(str(error), keys)) from None
+        raise type(error)(layer.message(str(error), [key])) from None
 
 
 def _find_config(name: str) -> Path:
@@ -95,9 +94,8 @@ def _find_config(name: str) -> Path:
     stem, names = path.name.removesuffix(".yaml"), packaged_configs()
     if path.parent == Path() and stem in names:
         return Path(str(data_root("configs"))) / f"{stem}.yaml"
-    hint = did_you_mean(stem, names)
-    expected = f"expected a YAML file, or one of: {', '.join(names)}"
-    raise InputError(f"no such config: {cut(name)}; {f'{hint} ' if hint else ''}{expected}")
+    hint = did_you_mean(stem, names, f"expected a YAML file, or one of: {', '.join(names)}")
+    raise InputError(f"no such config: {cut(name)}; {hint}")
 
 
 def _read(path: Path, above: tuple[str, ...]) -> ConfigLayer:
@@ -132,8 +130,10 @@ def _read(path: Path, above: tuple[str, ...]) -> ConfigLayer:
 def _override_layer(overrides: Overrides) -> ConfigLayer:
     if isinstance(overrides, str):  # a text is a sequence of texts
         raise InputError(f"overrides must be a Mapping or a list, got the text {shown(overrides)}: put it into a list")
-    layers = map(_parse_override, overrides.items() if isinstance(overrides, Mapping) else overrides)
-    return reduce(lambda below, own: own.over(below), layers, ConfigLayer({}))
+    layer = ConfigLayer({}, {})
+    for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
+        layer = _parse_override(override).over(layer)
+    return layer
 
 
 def _parse_override(override: str | tuple[str, Any]) -> ConfigLayer:
@@ -148,9 +148,9 @@ def _parse_override(override: str | tuple[str, Any]) -> ConfigLayer:
     else:
         name, value = override
     key = tuple(name.split("."))
-    if key == ("extends",) or any(part.isdigit() for part in key):
-        expected = "a file's own key" if key == ("extends",) else "lists are set whole, by their key without numbers"
-        raise InputError(f"{OVERRIDE} {cut(name)}: {expected}")
+    if name == "extends" or any(part.isdigit() for part in key):
+        reason = "only a file can have this key" if name == "extends" else "lists are set whole, without numbers"
+        raise InputError(f"{OVERRIDE} {cut(name)}: {reason}")
     values = reduce(lambda below, part: {part: below}, reversed(key), value)
     return ConfigLayer(values, dict.fromkeys(_keys_of(value, key), OVERRIDE))
 
@@ -168,8 +168,8 @@ def _over(below: ConfigLayer, layer: ConfigLayer) -> ConfigLayer:
         if not (is_number(factor) and factor >= SMALLEST):
             raise InputError(layer.message(f"expected {SMALLEST:g} to {LARGEST:g}, got {shown(factor)}", [("scale",)]))
         values = scaled(values, factor)
-    own = {key: value for key, value in layer.values.items() if key not in ("extends", "scale")}
-    return replace(layer, values=own).over(replace(below, values=recentred(values, own)))
+    keys = {key: value for key, value in layer.values.items() if key not in ("extends", "scale")}
+    return replace(layer, values=keys).over(replace(below, values=recentred(values, keys)))
 
 
 def _with_plugin_recipes(layer: ConfigLayer) -> ConfigLayer:
@@ -177,10 +177,10 @@ def _with_plugin_recipes(layer: ConfigLayer) -> ConfigLayer:
     recipes = layer.values.get("scenes")
     if not isinstance(recipes, list):
         return layer
-    whole = [*recipes]
+    recipes = [*recipes]
     for number, recipe in enumerate(recipes):
         name = recipe.get("extends") if isinstance(recipe, dict) else None
         if isinstance(name, str):
             with _errors_at(layer, ("scenes", number, "extends")):
-                whole[number] = merged({"recipe": name} | find_plugin("recipes", name).value, recipe)
-    return replace(layer, values=layer.values | {"scenes": whole})
+                recipes[number] = merged({"recipe": name} | find_plugin("recipes", name).value, recipe)
+    return replace(layer, values=layer.values | {"scenes": recipes})

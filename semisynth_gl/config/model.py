@@ -1,46 +1,38 @@
-"""The config: each key that a YAML file may set, with type, default and limits."""
+"""The config with all its sections, and those sections that are about the dataset, its files and its recipes."""
 
 import hashlib
 import json
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
-from semisynth_gl.codecs import Encodings
-from semisynth_gl.config.dataset_sections import (
-    ChecksSection,
-    FilesSection,
-    LicencesSection,
-    SequenceSection,
-    SplitsSection,
-)
-from semisynth_gl.config.distributions import UniformDepthTarget, wanted_histogram
+from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
+from semisynth_gl.config.disparity_section import DisparitySection
 from semisynth_gl.config.fields import (
     FROM_LIST,
     ConfigError,
     ConfigSection,
     Name,
+    NotNegative,
     PluginName,
+    Positive,
     Range,
-    Rule,
-    Weight,
+    Share,
     one_of,
 )
 from semisynth_gl.config.layers import Values, merged
 from semisynth_gl.config.rig_sections import (
     CameraSection,
-    DisparitySection,
     ImperfectionsSection,
     LensSection,
     ProjectorSection,
     RigSection,
 )
 from semisynth_gl.config.scene_sections import (
-    TEXTURE_SOURCES,
     BackgroundSection,
     ModelsSection,
     ParticlesSection,
@@ -50,19 +42,19 @@ from semisynth_gl.config.scene_sections import (
     TexturesSection,
 )
 from semisynth_gl.config.yaml_values import KeyPath
-from semisynth_gl.frame.channels import ANTIALIASING, DEFAULT_OUTPUTS, OUTPUTS, RENDERED_OUTPUTS, TruthViews
+from semisynth_gl.frame.channels import ANTIALIASING, DEFAULT_OUTPUTS, LENS_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.plugins import Group
+from semisynth_gl.plugins import BUILT_IN, Group
+from semisynth_gl.seeds.splits import Split, SplitName
 
-# None is omitted from the values, so that configs without these newer keys keep their digests.
-_OMIT_NONE = Field(exclude_if=lambda section: section is None)
+# If None, the key is left out of `model_dump`, so that configs from before the key was added keep their digests.
+_OMIT_NONE = Field(exclude_if=lambda value: value is None)
 
 RECIPE_KEYS = ("recipe", "extends", "weight")
 """The keys of a recipe that are not sections."""
 
-# The sections that a recipe may change, except for these keys, which are the same for all pairs: size and colour of
-# images, shape of pixels, number of pairs per scene, models, patches and their sampling, and the limits by which truth
-# is stored and checked.
+# The sections that a recipe may change, and their keys that it may not change: all pairs of a dataset have the same
+# cameras' format, atlas of patches, models and limits of disparity.
 _FIXED: Mapping[str, Collection[str]] = {
     "camera": {"width_px", "height_px", "fy_over_fx", "baselines", "colour"},
     "disparity": DisparitySection.model_fields.keys() - {"target"},
@@ -72,17 +64,82 @@ _FIXED: Mapping[str, Collection[str]] = {
 }
 
 
+class ChecksSection(ConfigSection):
+    """Conditions on each pair (in a sequence, on its first frame). A scene that fails is sampled again."""
+
+    min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
+    """minimum mean level of the darker image, 8-bit levels"""
+    min_texture: NotNegative = 1.0
+    """minimum texture of the flatter image, measured as for ``textures.min_texture``"""
+    min_valid: Share = 0.5
+    """minimum share of valid disparities in each view"""
+    attempts: Annotated[int, Field(ge=1, le=10_000)] = 10
+    """number of attempts before the run fails"""
+
+
+class SequenceSection(ConfigSection):
+    """Successive frames of one moving scene."""
+
+    length: Annotated[int, Field(ge=1, le=100_000)] = 1
+    """frames per sequence"""
+    frame_s: Positive = 0.04
+    """time between two frames"""
+
+
+class FilesSection(ConfigSection):
+    """Encodings of the dataset's files."""
+
+    image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
+    """``png``"""
+    disparity: Annotated[str, one_of(DISPARITY_CODECS)] = "pfm"
+    """``pfm``, or KITTI's ``png16`` (up to 256 px; -128 to 128 px where signed)"""
+    flow: Annotated[str, one_of(FLOW_CODECS)] = "flo"
+    """Middlebury's ``flo``, SceneFlow's ``pfm``, or KITTI's ``png16`` (up to 512 px)"""
+
+
+class SplitsSection(ConfigSection):
+    """Shares of photographs and models that no training pair shows."""
+
+    validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    """share of the photographs' subjects"""
+    test: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    """share of the photographs' subjects"""
+    models: bool = False
+    """split models too, with the same shares"""
+
+    def _check_rules(self) -> None:
+        total = self.validation + self.test
+        if total >= 1:
+            raise ConfigError(f"validation and test add up to {total:g}: expected less than 1", ("validation", "test"))
+
+    def split(self, name: SplitName, splits: Collection[SplitName], seed: int) -> Split:
+        """Return the split ``name`` of a dataset with this seed; ``splits`` are all splits that the dataset has."""
+        shares: dict[SplitName, float] = {"validation": self.validation, "test": self.test}
+        return Split(seed, name, {held: share for held, share in shares.items() if held in splits}, self.models)
+
+
+class LicencesSection(ConfigSection):
+    """Licences that the dataset's index and card state."""
+
+    dataset: str = "unknown"
+    """licence of the dataset, by the name that hubs use"""
+    images: str = "unknown"
+    """licence of your photographs and of a plug-in's pictures"""
+    models: str = "unknown"
+    """licence of your models and of a plug-in's models"""
+
+
 class RecipeSection(ConfigSection):
     """A recipe of scenes: keys that replace the config's keys.
 
-    In YAML, the sections are beside ``recipe`` and ``weight``; `_recipe_values` rearranges them.
+    In YAML, a recipe is one mapping with ``recipe``, ``extends``, ``weight`` and sections; see `_recipe_values`.
     """
 
     recipe: Name
     """name of the recipe: letters, digits and hyphens; by default the name in ``extends``"""
     extends: Annotated[PluginName | None, _OMIT_NONE] = None
-    """name of a plug-in's recipe, over which the keys are merged when the config is read"""
-    weight: Weight = 1.0
+    """name of a plug-in's recipe; this recipe's keys are merged over it"""
+    weight: NotNegative = 1.0
     """weight of the recipe; its share of the sequences is in proportion"""
     given: dict[str, Any]
     """the keys that the recipe states, as in YAML"""
@@ -109,7 +166,7 @@ class RecipeSection(ConfigSection):
 
 
 def _recipe_values(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
-    """Return the values of a `RecipeSection`: its keys, and the config with the recipe merged over it."""
+    """Return the values of a `RecipeSection` for a recipe in YAML and the values of its config."""
     if not isinstance(recipe, dict):
         return recipe
     head = {key: recipe[key] for key in RECIPE_KEYS if key in recipe}
@@ -118,7 +175,7 @@ def _recipe_values(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML
 
 
 def _stated_values(values: Any, given: Any) -> Any:  # noqa: ANN401 - any JSON value
-    """Return those values of a config that a recipe states."""
+    """Return the part of a dumped config that has the keys of ``given``; lists and targets are returned whole."""
     if not isinstance(given, dict) or "form" in given:
         return values
     return {key: _stated_values(value, given[key]) for key, value in values.items() if key in given}
@@ -126,7 +183,7 @@ def _stated_values(values: Any, given: Any) -> Any:  # noqa: ANN401 - any JSON v
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A recipe, the ``share`` of the sequences that use it, and the whole ``config`` of its scenes.
+    """A recipe, the ``share`` of the sequences that have it, and the config of their scenes.
 
     A config without recipes has one recipe: itself, with the name None.
     """
@@ -180,55 +237,57 @@ class Config(ConfigSection):
         base = {key: value for key, value in values.items() if key not in ("scenes", "layout")}
         return values | {"scenes": [_recipe_values(base, recipe) for recipe in values["scenes"]]}
 
-    def _rules(self) -> Iterator[Rule]:
-        yield from self._disparity_rules()
-        outputs = set(self.outputs)
-        text = "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
-        yield "disparity_change" in outputs and not self.rig.is_rectified(), text, ("outputs", "rig")
-        of_lens = " and ".join(sorted(outputs - {*RENDERED_OUTPUTS}))
-        text = f"the output {of_lens} needs the section lens: add lens, or leave out this output"
-        yield self.lens is None and of_lens != "", text, ("outputs",)
-        if self.lens is not None:
-            is_cut = not self.lens.border_disparity
-            masked = [name for name in self.outputs if name in ("visibility", "flow", "flow_backward")]
-            for name in masked or ["disparity"] * is_cut:
-                text = f"{name} has no values where sensors see nothing: add valid to outputs, which marks these pixels"
-                yield "valid" not in outputs, text, ("lens", "outputs")
-            text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
-            has_no_flow = "disparity_change" in outputs and "flow" not in outputs
-            yield is_cut and has_no_flow, f"{text}: add flow to outputs", ("lens.border_disparity", "outputs")
+    def _check_rules(self) -> None:
+        self._check_disparities()
+        self._check_outputs()
         names = [section.recipe for section in self.scenes]
-        yield len(set(names)) < len(names), "expected recipes with different names", ("scenes",)
-        is_weightless = names and sum(section.weight for section in self.scenes) == 0
-        yield bool(is_weightless), "expected a weight above 0 for at least one recipe", ("scenes",)
+        if len(set(names)) < len(names):
+            raise ConfigError("expected recipes with different names", ("scenes",))
+        if self.scenes and not any(section.weight for section in self.scenes):
+            raise ConfigError("expected a weight above 0 for at least one recipe", ("scenes",))
 
-    def _disparity_rules(self) -> Iterator[Rule]:
-        disparity, doffs_px = self.disparity, self.camera.all_doffs_px
-        others: tuple[str, ...] = ("camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px")
-        least = 0.0 - doffs_px.low if disparity.signed else 0.0
-        why = f"which is infinitely far away where the principal points differ by doffs = {doffs_px.low:g} px"
-        if not disparity.signed:
-            why, others = "as disparity.signed is false", ("disparity.signed",)
-        shown, width_px = self._shown_px(), self.camera.width_px
+    def _check_outputs(self) -> None:
+        outputs, lens = set(self.outputs), self.lens
+        if "disparity_change" in outputs and not self.rig.is_rectified():
+            text = "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
+            raise ConfigError(text, ("outputs", "rig"))
+        if lens is None:
+            if of_lens := " and ".join(sorted(outputs.intersection(LENS_OUTPUTS))):
+                text = f"the output {of_lens} needs the section lens: add lens, or leave out this output"
+                raise ConfigError(text, ("outputs",))
+            return
+        masked = [name for name in self.outputs if name in ("visibility", "flow", "flow_backward")]
+        if "valid" not in outputs and (masked or not lens.border_disparity):
+            name = masked[0] if masked else "disparity"
+            text = f"{name} has no values where sensors see nothing: add valid to outputs, which marks these pixels"
+            raise ConfigError(text, ("lens", "outputs"))
+        if not lens.border_disparity and "disparity_change" in outputs and "flow" not in outputs:
+            text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
+            raise ConfigError(f"{text}: add flow to outputs", ("lens.border_disparity", "outputs"))
+
+    def _check_disparities(self) -> None:
+        disparity, camera, shown = self.disparity, self.camera, self._shown_px()
+        doffs_px = camera.all_doffs_px.low
+        least, keys = 0.0 - doffs_px, ["camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px"]
+        reason = f"which is infinitely far away where the principal points differ by doffs = {doffs_px:g} px"
+        if least <= 0 and not disparity.signed:
+            least, keys, reason = 0.0, ["disparity.signed"], "as disparity.signed is false"
         for key, px in shown.items():
-            text = f"{key} goes down to {px.low:g} px: expected more than {least:g}, {why}"
-            yield px.low <= least, text, (key, *others)
-            text = f"{key} goes up to {px.high:g} px: expected at most {disparity.max_px:g}, the limit disparity.max_px"
-            yield px.high > disparity.max_px, text, (key, "disparity.max_px")
-        # Pairs of a shorter baseline have smaller disparities, and the sky has that of infinity.
-        has_others = len(self.camera.baseline_ranges_m) > 1 or self.background.sky > 0 or not self.rig.is_rectified()
-        least_px = {"disparity.min_px": min(px.low for px in shown.values()), "disparity.max_px": -disparity.max_px}
-        for key, least in least_px.items():
-            text = f"no point is in both images if all disparities reach the width, {width_px} px"
+            if px.low <= least:
+                text = f"{key} goes down to {px.low:g} px: expected more than {least:g}, {reason}"
+                raise ConfigError(text, (key, *keys))
+            if px.high > disparity.max_px:
+                text = f"{key} goes up to {px.high:g} px: expected at most disparity.max_px, {disparity.max_px:g}"
+                raise ConfigError(text, (key, "disparity.max_px"))
+        # Shorter baselines, the sky and deviating cameras have smaller disparities than the config states.
+        has_smaller = len(camera.baseline_ranges_m) > 1 or self.background.sky > 0 or not self.rig.is_rectified()
+        if not has_smaller and min(px.low for px in shown.values()) >= camera.width_px:
+            text = f"no point is in both images if all disparities reach the width, {camera.width_px} px"
             hint = "is baseline_m in metres, and focal_px in pixels?"
-            yield not has_others and least >= width_px, f"{text}: {hint}", (key, "camera.width_px")
-        least = -doffs_px.middle
-        text = f"a target uniform in depth needs a min_px above {least:g}, which is infinitely far away for this camera"
-        is_beyond = isinstance(disparity.target, UniformDepthTarget) and disparity.min_px <= least
-        yield is_beyond, text, ("disparity.min_px", "disparity.target", "camera.doffs_px")
+            raise ConfigError(f"{text}: {hint}", ("disparity.min_px", "camera.width_px"))
 
     def _shown_px(self) -> dict[str, Range]:
-        """Return the stated disparities of all objects that scenes can show, by dotted key."""
+        """Return the ranges of disparity that the config states for visible objects, by dotted key."""
         disparity, background, structures, particles = self.disparity, self.background, self.structures, self.particles
         shown: dict[str, Range | None] = {"disparity.min_px": Range(disparity.min_px, disparity.min_px)}
         if background.cuboid or background.room:
@@ -256,12 +315,6 @@ class Config(ConfigSection):
         """Number of pairs of each sequence."""
         return self.sequence.length * self.views
 
-    @property
-    def encodings(self) -> Encodings:
-        """The codecs that the section ``files`` names; they are for signed disparities if the config's are signed."""
-        files = self.files
-        return Encodings.from_names(files.image, files.disparity, files.flow, signed=self.disparity.signed)
-
     def recipes(self) -> tuple[Recipe, ...]:
         """Return the recipes with a weight above 0, at least one."""
         total = sum(section.weight for section in self.scenes)
@@ -277,8 +330,7 @@ class Config(ConfigSection):
         A target of form ``histogram`` keeps its bins. Any other target gets 24 bins of equal width from ``min_px`` to
         ``max_px``.
         """
-        section = self.disparity
-        return wanted_histogram(section.target, section.min_px, section.max_px, self.camera.all_doffs_px.middle)
+        return self.disparity.wanted_histogram(self.camera.all_doffs_px.middle)
 
     def shown_histogram(self) -> Histogram:
         """Return the distribution of disparity over all pairs, if scenes match the wanted distribution.
@@ -295,37 +347,37 @@ class Config(ConfigSection):
             return longest
         # Without a stated cx_right, doffs is in proportion to the baseline, as disparity is; see `sample_cameras`.
         doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.all_doffs_px.middle
-        parts = [(count, longest.at_baseline(ratio, doffs_px)) for ratio, count in zip(ratios, counts, strict=True)]
-        lowest = float(min(part.edges_px[0] for _, part in parts))
+        parts = [Histogram(ratio * (longest.edges_px + doffs_px) - doffs_px, longest.shares) for ratio in ratios]
+        lowest = float(min(part.edges_px[0] for part in parts))
         if not self.disparity.signed:  # unsigned disparities end at 0
             lowest = max(0.0, lowest)
         width = longest.edges_px[1] - longest.edges_px[0]
         below = np.linspace(lowest, longest.edges_px[0], 1 + math.ceil((longest.edges_px[0] - lowest) / width))
         edges = np.concatenate([below[:-1], longest.edges_px])
-        return Histogram.from_counts(edges, sum(count * np.diff(part.cumulative(edges)) for count, part in parts))
+        shares = (count * np.diff(part.cumulative(edges)) for count, part in zip(counts, parts, strict=True))
+        return Histogram.from_counts(edges, sum(shares))
 
     def used_plugins(self) -> dict[KeyPath, tuple[Group, str]]:
         """Return the group and name of each plug-in that the config uses, by the key that names it."""
         used: dict[KeyPath, tuple[Group, str]] = {}
-        if self.textures.source not in TEXTURE_SOURCES:
+        if self.textures.source not in BUILT_IN["textures"]:
             used["textures", "source"] = ("textures", self.textures.source)
-        configs: list[tuple[KeyPath, Config]] = [((), self)]
+        configs: dict[KeyPath, Config] = {(): self}
         for number, recipe in enumerate(self.scenes):
-            configs.append((("scenes", number), recipe.config))
+            configs["scenes", number] = recipe.config
             if recipe.extends is not None:
                 used["scenes", number, "extends"] = ("recipes", recipe.extends)
-        for at, config in configs:
-            for name, weight in config.models.families.items():
-                if weight > 0 and ("models", name) not in used.values():
-                    used[*at, "models", "families", name] = ("models", name)
+        for at, config in configs.items():
+            families = [name for name, weight in config.models.families.items() if weight > 0]
+            used |= {(*at, "models", "families", name): ("models", name) for name in families}
         return used
 
     def digest(self) -> str:
-        """Return the SHA-256 of the config's values, 64 hex digits; it does not depend on their notation in YAML."""
+        """Return the SHA-256 of the config's values, 64 hex digits; 1, 1.0 and [1, 1] are the same value."""
         return digest_of(self.model_dump(mode="json"))
 
 
 def digest_of(values: Mapping[str, Any]) -> str:
-    """Return the SHA-256, 64 hex digits, of a config's values in JSON's types; an older version may have written it."""
+    """Return the SHA-256, 64 hex digits, of a dumped config, of this or an older version of the program."""
     text = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

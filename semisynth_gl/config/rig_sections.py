@@ -1,6 +1,5 @@
-"""The sections about the rig: cameras, disparities, lenses, projector, deviation and imperfections."""
+"""The sections about the rig: cameras, lenses, projector, deviation and imperfections."""
 
-from collections.abc import Iterator
 from math import degrees, radians
 from typing import Annotated, Literal
 
@@ -8,20 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from semisynth_gl.config.distributions import TargetSection, UniformTarget, shares_beyond
 from semisynth_gl.config.fields import (
     FROM_LIST,
     SMALLEST,
     ZERO,
+    ConfigError,
     ConfigSection,
-    Finite,
     NotNegativeRange,
     PathText,
     Positive,
     PositiveRange,
     Range,
     RangeField,
-    Rule,
     Share,
     Vector,
     within,
@@ -30,27 +27,20 @@ from semisynth_gl.frame.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD, Eye
 from semisynth_gl.frame.channels import Colour
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera, rotation_of
 
-# Maximum width, which all OpenGL 4.5 drivers support, and maximum number of pixels, for memory.
-WIDEST_PX, MOST_PIXELS = 16_384, 1 << 27
-# Maximum of fy / fx and of fx / fy.
-MOST_FY_OVER_FX = 2.0
-# Maximum side of a projector's pattern, and maximum angle of its view.
-_LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
+# Maximum number of pixels of an image, for memory.
+_MOST_PIXELS = 1 << 27
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
 _SUB_FRAMES = 7
-# Maximum shares of a target below min_px, where far planes and the sky may be, and above max_px, since measured
-# histograms have outliers.
-_MOST_BELOW, _MOST_ABOVE = 0.25, 0.02
-# Number of scenes that are sampled to find the ratios of their baselines.
+# Number of scenes whose baselines are sampled to find the ratios of the baselines.
 _SCENES = 200
 
-_Side = Annotated[int, Field(ge=1, le=WIDEST_PX)]
-# A ratio of 1 is omitted from the values, so that configs with square pixels keep their digests from before this key.
-_FocalRatio = Annotated[float, Field(ge=1 / MOST_FY_OVER_FX, le=MOST_FY_OVER_FX, exclude_if=lambda ratio: ratio == 1)]
-
-_Baselines = (
-    Annotated[int, Field(ge=1, le=64)] | Annotated[tuple[Positive, ...], FROM_LIST, Field(min_length=1, max_length=64)]
-)
+# All OpenGL 4.5 drivers support images of this width and height.
+_Side = Annotated[int, Field(ge=1, le=16_384)]
+_PatternSide = Annotated[int, Field(ge=1, le=8192)]
+# A ratio of 1 is left out of `model_dump`, so that configs with square pixels keep their digests from before this key.
+_FocalRatio = Annotated[float, Field(ge=0.5, le=2, exclude_if=lambda ratio: ratio == 1)]
+_BaselineCount = Annotated[int, Field(ge=1, le=64)]
+_BaselineList = Annotated[tuple[Positive, ...], FROM_LIST, Field(min_length=1, max_length=64)]
 
 LensBorder = Literal["black", "replicate"]
 _PAINTED_PATTERNS = ("dots", "stripes")
@@ -73,7 +63,7 @@ class CameraSection(ConfigSection):
     """focal length in y over that in x, ``focal_px``; 1.00123 for Cityscapes"""
     baseline_m: PositiveRange | None = None
     """distance between the cameras"""
-    baselines: _Baselines = 1
+    baselines: _BaselineCount | _BaselineList = 1
     """number of right cameras per scene, or a list of their distances, metres"""
     cx_left_px: RangeField | None = None
     """x of the left principal point; by default, both points are symmetric about the centre"""
@@ -92,29 +82,30 @@ class CameraSection(ConfigSection):
     colour: Colour = "rgb"
     """``rgb``, or ``grey`` for monochrome cameras"""
 
-    def _rules(self) -> Iterator[Rule]:
-        text = f"expected width_px x height_px of at most {MOST_PIXELS}, got {self.width_px} x {self.height_px}"
-        yield self.width_px * self.height_px > MOST_PIXELS, text, ("width_px", "height_px")
+    def _check_rules(self) -> None:
+        if self.width_px * self.height_px > _MOST_PIXELS:
+            text = f"expected width_px x height_px of at most {_MOST_PIXELS}, got {self.width_px} x {self.height_px}"
+            raise ConfigError(text, ("width_px", "height_px"))
         focal = "focal_px", "focal_mm", "sensor_width_mm"
-        are_missing = [getattr(self, key) is None for key in focal]
-        text = "give either focal_px, or focal_mm with sensor_width_mm"
-        yield are_missing not in ([False, True, True], [True, False, False]), text, focal
-        fits = self.cx_right_px is None or (self.doffs_px is None and self.cx_left_px is not None)
-        text = "cx_right_px needs cx_left_px, and excludes doffs_px"
-        yield not fits, text, ("cx_left_px", "cx_right_px", "doffs_px")
+        if [getattr(self, key) is None for key in focal] not in ([False, True, True], [True, False, False]):
+            raise ConfigError("give either focal_px, or focal_mm with sensor_width_mm", focal)
+        if self.cx_right_px is not None and (self.cx_left_px is None or self.doffs_px is not None):
+            keys = "cx_left_px", "cx_right_px", "doffs_px"
+            raise ConfigError("cx_right_px needs cx_left_px, and excludes doffs_px", keys)
         baseline_m, baselines = self.baseline_m, self.baselines
-        text = "give either baseline_m, or baselines as a list of metres; baseline_m: null removes baseline_m"
-        yield isinstance(baselines, tuple) == (baseline_m is not None), text, ("baseline_m", "baselines")
-        if baseline_m is not None and baseline_m.low == baseline_m.high:
+        if isinstance(baselines, tuple) == (baseline_m is not None):
+            text = "give either baseline_m, or baselines as a list of metres; baseline_m: null removes baseline_m"
+            raise ConfigError(text, ("baseline_m", "baselines"))
+        if baseline_m is not None and baseline_m.low == baseline_m.high and baselines != 1:
             text = f"expected a range for {baselines} baselines, got only {baseline_m.low:g} m"
-            yield baselines != 1, text, ("baseline_m", "baselines")
+            raise ConfigError(text, ("baseline_m", "baselines"))
 
     @property
     def baseline_ranges_m(self) -> tuple[Range, ...]:
         """The ranges from which the baselines of a scene are sampled, in the order of the pairs; at least one."""
         if isinstance(self.baselines, tuple):
             return tuple(Range(metres, metres) for metres in self.baselines)
-        assert self.baseline_m is not None  # noqa: S101 - see `_rules`
+        assert self.baseline_m is not None  # noqa: S101 - see `_check_rules`
         return (self.baseline_m,) * self.baselines
 
     def baseline_ratios(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -133,30 +124,6 @@ class CameraSection(ConfigSection):
             return self.doffs_px
         left, right = self.cx_left_px, self.cx_right_px
         return ZERO if left is None or right is None else Range(right.low - left.high, right.high - left.low)
-
-
-class DisparitySection(ConfigSection):
-    """The disparities of a dataset."""
-
-    signed: bool = False
-    """allow disparities of 0 and below"""
-    min_px: Finite
-    """smallest disparity of walls and particles; far planes may be below it"""
-    max_px: Finite
-    """largest disparity of any pixel; it sets the near plane"""
-    target: TargetSection = UniformTarget()
-    """wanted distribution: ``uniform`` (default), ``uniform-depth``, ``gamma``, ``histogram``"""
-
-    def _rules(self) -> Iterator[Rule]:
-        text = f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty"
-        yield self.min_px >= self.max_px, text, ("min_px", "max_px")
-        if isinstance(self.target, UniformTarget):
-            low, high = self.target.ends(self.min_px, self.max_px)
-            yield low >= high, f"expected low_px < high_px, got {low:g} and {high:g}", ("target",)
-        below, above = shares_beyond(self.target, self.min_px, self.max_px)
-        text = f"disparity.target wants {below:.1%} of the pixels below disparity.min_px and {above:.1%} above max_px"
-        is_beyond = below > _MOST_BELOW or above > _MOST_ABOVE
-        yield is_beyond, f"{text}: change the target, or these limits", ("target", "min_px", "max_px")
 
 
 class RawEyeSection(ConfigSection):
@@ -194,11 +161,12 @@ class LensSection(ConfigSection):
     border_disparity: bool = True
     """keep disparities in the borders; if false, they are inf there"""
 
-    def _rules(self) -> Iterator[Rule]:
+    def _check_rules(self) -> None:
         known = COEFFICIENTS[self.model]
         for name, eye in (("left", self.left), ("right", self.right)):
-            text = f"{self.model} has {' or '.join(map(str, known))} coefficients, got {len(eye.distortion)}"
-            yield len(eye.distortion) not in known, text, (f"{name}.distortion", "model")
+            if len(eye.distortion) not in known:
+                text = f"{self.model} has {' or '.join(map(str, known))} coefficients, got {len(eye.distortion)}"
+                raise ConfigError(text, (f"{name}.distortion", "model"))
 
     def sample(self, eye: Eye, rng: np.random.Generator) -> RawCamera:
         """Sample the camera of one eye: each range once, always in the same order."""
@@ -217,15 +185,15 @@ class ProjectorSection(ConfigSection):
 
     pattern: PathText = "dots"
     """``dots``, vertical ``stripes``, or the path of a picture"""
-    pattern_width_px: Annotated[int, Field(ge=1, le=_LARGEST_PATTERN_PX)] = 1280
+    pattern_width_px: _PatternSide = 1280
     """width of the pattern or picture"""
-    pattern_height_px: Annotated[int, Field(ge=1, le=_LARGEST_PATTERN_PX)] = 800
+    pattern_height_px: _PatternSide = 800
     """height of the pattern or picture"""
     size_px: Annotated[float, Field(ge=1, le=100)] = 2.5
     """dot's diameter or stripe's width, pixels of the pattern"""
     density: Annotated[float, Field(gt=0, le=0.5)] = 0.05
     """share of the pattern that dots or stripes cover"""
-    field_of_view_deg: Annotated[RangeField, within(SMALLEST, _WIDEST_DEG)] = Range(90.0, 90.0)
+    field_of_view_deg: Annotated[RangeField, within(SMALLEST, 170)] = Range(90.0, 90.0)
     """angle across the pattern's width"""
     position_m: Vector = (ZERO, ZERO, ZERO)
     """x, y, z in the left camera's frame"""
@@ -258,9 +226,10 @@ class RigSection(ConfigSection):
     twin: bool = False
     """render each scene twice: pair 2 i deviates, pair 2 i + 1 is rectified"""
 
-    def _rules(self) -> Iterator[Rule]:
-        text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set other keys of rig, too"
-        yield self == RigSection.model_construct(twin=True), text, type(self).model_fields
+    def _check_rules(self) -> None:
+        if self == RigSection.model_construct(twin=True):
+            text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set other keys of rig, too"
+            raise ConfigError(text, type(self).model_fields)
 
     def is_rectified(self) -> bool:
         """Return whether no pair deviates."""

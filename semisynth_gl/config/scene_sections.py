@@ -1,6 +1,5 @@
 """The sections about the content of scenes; a recipe may change their keys."""
 
-from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -9,6 +8,7 @@ from semisynth_gl.config.fields import (
     FROM_LIST,
     SMALLEST,
     ZERO,
+    ConfigError,
     ConfigSection,
     NotNegative,
     NotNegativeRange,
@@ -17,35 +17,28 @@ from semisynth_gl.config.fields import (
     PositiveRange,
     Range,
     RangeField,
-    Rule,
     Share,
-    Weight,
     within,
 )
-from semisynth_gl.plugins import BUILT_IN
-
-_AtLeastOne = Annotated[float, Field(ge=1, le=1024)]
 
 _MOST_PARTICLES = 100_000
 # Maximum number of texels of an atlas: 8.6 GB at 4 bytes per texel.
 _MOST_TEXELS = 1 << 31
 
-TEXTURE_SOURCES = BUILT_IN["textures"]
-"""The built-in sources of patches; any other name belongs to a plug-in."""
-
 _Paths = Annotated[tuple[PathText, ...], FROM_LIST]
+_Scale = Annotated[float, Field(ge=1, le=1024)]
 
 
 class BackgroundSection(ConfigSection):
     """The background, which fills the view behind all objects."""
 
-    cuboid: Weight = 1.0
+    cuboid: NotNegative = 1.0
     """weight of empty rooms"""
-    plane: Weight = 0.0
+    plane: NotNegative = 0.0
     """weight of empty outdoor scenes"""
-    room: Weight = 0.0
+    room: NotNegative = 0.0
     """weight of furnished rooms"""
-    street: Weight = 0.0
+    street: NotNegative = 0.0
     """weight of streets"""
     # `Config` checks: unless disparities are signed, this and all other disparities must be above 0.
     wall_disparity_px: RangeField | None = None
@@ -57,9 +50,10 @@ class BackgroundSection(ConfigSection):
     sky: Share = 0.0
     """share of outdoor scenes with an infinitely distant backdrop"""
 
-    def _rules(self) -> Iterator[Rule]:
-        text = "expected a weight above 0 for cuboid, plane, room or street"
-        yield self.cuboid + self.plane + self.room + self.street == 0, text, ("cuboid", "plane", "room", "street")
+    def _check_rules(self) -> None:
+        if self.cuboid + self.plane + self.room + self.street == 0:
+            keys = "cuboid", "plane", "room", "street"
+            raise ConfigError("expected a weight above 0 for cuboid, plane, room or street", keys)
 
 
 class RoomSection(ConfigSection):
@@ -176,33 +170,34 @@ class ParticlesSection(ConfigSection):
     most: Annotated[int, Field(ge=1, le=_MOST_PARTICLES)] = 2000
     """maximum number in a scene; if the target needs more, particles become larger instead"""
 
-    def _rules(self) -> Iterator[Rule]:
-        text = "give either density or layers, not both: each layer states its own count"
-        yield self.layers is not None and self.density != "default", text, ("density", "layers")
+    def _check_rules(self) -> None:
+        if self.layers is not None and self.density != "default":
+            text = "give either density or layers, not both: each layer states its own count"
+            raise ConfigError(text, ("density", "layers"))
 
 
 class ModelsSection(ConfigSection):
     """The models of the particles."""
 
-    simple: Weight = 1.0
+    simple: NotNegative = 1.0
     """weight of the simple family (cube, sphere, torus, ...)"""
-    complex: Weight = 1.0
+    complex: NotNegative = 1.0
     """weight of the complex family (chair, mug, plant, ...)"""
-    user: Weight = 1.0
+    user: NotNegative = 1.0
     """weight of the models in ``folders``; if there are fewer than 25, reduced in proportion"""
-    kinds: dict[str, Weight] = Field(default_factory=dict)
+    kinds: dict[str, NotNegative] = Field(default_factory=dict)
     """weights of kinds within their family; by default 1"""
     folders: _Paths = ()
     """folders of model files"""
     variants: Annotated[int, Field(ge=1, le=100)] = 3
     """models per kind and per plug-in's family"""
-    families: dict[PluginName, Weight] = Field(default_factory=dict)
+    families: dict[PluginName, NotNegative] = Field(default_factory=dict)
     """weights of plug-ins' families"""
 
-    def _rules(self) -> Iterator[Rule]:
-        total = self.simple + self.complex + self.user + sum(self.families.values())
-        text = "expected a weight above 0 for simple, complex or user, or in families"
-        yield total == 0, text, ("simple", "complex", "user", "families")
+    def _check_rules(self) -> None:
+        if self.simple + self.complex + self.user + sum(self.families.values()) == 0:
+            text = "expected a weight above 0 for simple, complex or user, or in families"
+            raise ConfigError(text, ("simple", "complex", "user", "families"))
 
 
 class TexturesSection(ConfigSection):
@@ -215,7 +210,11 @@ class TexturesSection(ConfigSection):
     """files, folders and globs of the source ``images``"""
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
     """side of a patch in the atlas"""
-    scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1)] = (1.0, 2.0, 4.0)
+    scales: Annotated[tuple[_Scale, ...], FROM_LIST, Field(min_length=1)] = (
+        1.0,
+        2.0,
+        4.0,
+    )
     """sides of the squares that are cropped out of images, as multiples of ``patch_px``"""
     min_texture: NotNegative = 1.0
     """minimum texture: median of the standard deviations of luminance in each of 8 x 8 cells, 8-bit levels"""
@@ -238,7 +237,8 @@ class TexturesSection(ConfigSection):
     sequence: bool = False
     """treat a folder's images as successive frames"""
 
-    def _rules(self) -> Iterator[Rule]:
+    def _check_rules(self) -> None:
         most = _MOST_TEXELS // self.patch_px**2
-        text = f"expected max_patches of at most {most} with a patch_px of {self.patch_px}, got {self.max_patches}"
-        yield self.max_patches > most, f"{text}: the atlas would exceed 8.6 GB", ("max_patches", "patch_px")
+        if self.max_patches > most:
+            text = f"expected max_patches of at most {most} with a patch_px of {self.patch_px}, got {self.max_patches}"
+            raise ConfigError(f"{text}: the atlas would exceed 8.6 GB", ("max_patches", "patch_px"))

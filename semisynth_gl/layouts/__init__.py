@@ -2,7 +2,6 @@
 
 from functools import cache
 
-from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.builtin import BUILT_IN
 from semisynth_gl.layouts.layout import Layout, PairKey, view_stems
@@ -10,6 +9,9 @@ from semisynth_gl.layouts.roles import NEEDED_ROLES
 from semisynth_gl.plugins import find_plugin, installed_plugins
 
 __all__ = ["LAYOUTS", "Layout", "PairKey", "find_layout", "layout_names", "view_stems"]
+
+LAYOUTS = tuple(sorted(BUILT_IN))
+"""The names of the built-in layouts."""
 
 
 def layout_names() -> tuple[str, ...]:

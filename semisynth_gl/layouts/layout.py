@@ -138,8 +138,10 @@ class Layout:
 
     def encodings_for(self, config: Config) -> Encodings:
         """Return the codecs for the pairs of a config in this layout."""
-        chosen = config.encodings
-        encodings = chosen if self.encodings is None else replace(self.encodings, signed=chosen.signed)
+        files, signed = config.files, config.disparity.signed
+        encodings = Encodings.from_names(files.image, files.disparity, files.flow, signed=signed)
+        if self.encodings is not None:
+            encodings = replace(self.encodings, signed=signed)
         return encodings if config.camera.colour == "rgb" else encodings.in_grey(three=self.three_channels)
 
     def _values(self, key: PairKey) -> dict[str, object]:

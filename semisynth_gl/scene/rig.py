@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from semisynth_gl.config import Config, Range
-from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
+from semisynth_gl.config.disparity_section import DisparitySection
+from semisynth_gl.config.rig_sections import CameraSection
 from semisynth_gl.frame.camera import RECTIFIED, CameraDeviation, StereoCamera
 from semisynth_gl.geometry.rotations import rotations_about
 from semisynth_gl.inputs.errors import InputError

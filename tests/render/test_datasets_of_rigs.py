@@ -14,13 +14,13 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import SIGNED_DISPARITY
 from semisynth_gl.config import load_config
-from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import RECTIFIED
 from semisynth_gl.frame.channels import SKY
 from semisynth_gl.judge.evaluate import evaluate
 from semisynth_gl.judge.protocol import PROTOCOLS
+from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.pairs.pipeline import PairRenderer
 
 SEED = 3

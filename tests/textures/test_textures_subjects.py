@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from photograph_like import octaves, save
 
-from semisynth_gl.config.dataset_sections import SplitsSection
+from semisynth_gl.config.model import SplitsSection
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import SPLITS, Split
