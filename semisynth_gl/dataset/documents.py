@@ -223,11 +223,7 @@ class SplitSources(DatasetDocument):
 
 
 class ShardEntry(DatasetDocument):
-    """What the index says about a shard.
-
-    ``sha256`` is the digest of the tar. Without a tar, it is the digest of the lines that `sha256sum` prints for the
-    files of the pairs.
-    """
+    """A shard in the index; ``sha256`` is that of its tar, or else of what `sha256sum` prints for its files."""
 
     shard: str
     split: SplitName
@@ -262,10 +258,7 @@ class DatasetIndex(DatasetPlan):
 
 @dataclass(frozen=True, slots=True)
 class StoredFile:
-    """A file of a pair: its size, and its digest or its offset in a tar.
-
-    A dataclass takes less memory than pydantic's BaseModel: a dataset may have millions of files.
-    """
+    """A file of a pair: its size, and its digest or its offset in a tar. A BaseModel would take much more memory."""
 
     bytes: _Bytes
     sha256: _Sha256 | None = None

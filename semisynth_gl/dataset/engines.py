@@ -153,9 +153,6 @@ def cores() -> int:
 
 
 def threads_each(workers: int) -> int:
-    """Return the number of llvmpipe's threads in each of ``workers`` processes, by usable cores.
-
-    0 means that llvmpipe renders in the calling thread.
-    """
+    """Return the number of llvmpipe's threads in each of ``workers`` processes; with 0, the calling thread renders."""
     share = cores() // max(workers, 1)
     return 0 if share < 2 else share

@@ -34,7 +34,7 @@ def index_values(
     """Return the content of an index, from the sources of each split and the records of all shards in order."""
     renderers: set[str] = set()
     shards = []
-    for record in records:  # one at a time: all pairs_in_sequence might fill memory
+    for record in records:  # one at a time: all together might fill memory
         renderers.update(record.renderers)
         shards.append(record.entry)
     return plan.values() | {
@@ -107,6 +107,7 @@ def encode_card(plan: DatasetPlan, index: Mapping[str, Any]) -> bytes:
 def _configs(plan: DatasetPlan) -> list[dict[str, Any]]:
     """Return the card's configs, which tell the hub what to load: all tars, or one config for each role of images."""
     if plan.layout.packed:
+        # All tars of a split have the same name but for the number at its end.
         tars = {shard.split: f"{shard.tar.rpartition('-')[0]}-*.tar" for shard in plan.shards}
         files = [{"split": split, "path": tars[split]} for split in plan.splits]
         return [{"config_name": "default", "data_files": files}]
@@ -119,7 +120,7 @@ def _configs(plan: DatasetPlan) -> list[dict[str, Any]]:
             "drop_labels": True,  # else the folders' names would become classes
         }
         for role, pattern in patterns[plan.splits[0]].items()
-        # Hubs read only the high bytes of 16-bit RGB, so flow in it is left out.
+        # The hub reads only the high bytes of 16-bit RGB, so flow in it is left out.
         if pattern.endswith((".png", ".jpg")) and plan.layout.role(role).codec(plan.encodings) != plan.encodings.flow
     ]
 

@@ -1,7 +1,4 @@
-"""The files of a pair: `encode_pair` makes their bytes, `assemble_frame` makes the frame from what they hold.
-
-From the files of any layout, the frame gets the same arrays.
-"""
+"""Encodes a pair as files in memory by a layout's roles, and decodes them; all layouts give the same arrays."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -138,8 +135,7 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
         lens = {}
     for role, value in values.items():
         eye, channel = ROLES.get(role, (None, None))
-        expected: tuple[Any, ...] = size
-        whose = "the dataset's images"
+        expected, whose = size, "the dataset's images"
         if channel is not None and channel.name == "raw":
             expected, whose = _height_and_width(lens.get(eye, {})), "the camera in the pair's provenance"
         match value:

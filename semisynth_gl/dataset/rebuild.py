@@ -44,5 +44,4 @@ class RebuiltScenes:
         recorded, camera = frame.provenance.get("camera"), rebuilt.scene.camera
         if rebuilt.recipe != frame.recipe or not isinstance(recorded, dict):
             return None
-        same = recorded | camera.values() == recorded and recorded.get("fy_over_fx", 1) == camera.fy_over_fx
-        return rebuilt if same else None
+        return rebuilt if recorded == camera.values(deviation="deviation" in recorded) else None

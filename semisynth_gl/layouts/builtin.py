@@ -248,8 +248,7 @@ _CRESTEREO = Layout(
 
 
 # WebDataset: shards are tars. Files with the same text before the first dot, such as ``00000012``, are a pair. Hugging
-# Face's loader needs the same keys and types in the JSON of every pair. The keys of a provenance differ, so the JSON
-# holds it as text.
+# Face's loader needs the same keys and types in the JSON of every pair, so the provenance is stored as text.
 
 _SIZES = ("width_px", "height_px")
 _LENGTHS = ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px", "doffs_px")

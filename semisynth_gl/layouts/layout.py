@@ -60,8 +60,7 @@ class Layout:
     """The names of a dataset's files. A file's content follows from its role; see `semisynth_gl.layouts.roles`.
 
     Paths are templates for `str.format`, in which ``{name}``, ``{index}``, ``{sequence}``, ``{frame}`` and ``{split}``
-    are attributes of the pair's `PairKey`, and ``{short_split}`` is train, val or test. They are below the split's
-    folder.
+    are attributes of the pair's `PairKey`, and ``{short_split}`` is train, val or test. The split's folder comes first.
 
     Attributes:
         stems: the path of each file of a pair by role, without the ending; inside the shard's tar if packed.

@@ -99,8 +99,7 @@ def restore_outside(mask: NDArray[np.uint8], truth: NDArray[np.float32], eye: Ey
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
     """Return KITTI's map of objects, (H, W): 0 for no instance and for instances that are "still", else 1 to 255.
 
-    ``instances`` are (H, W) ids, and row k of the provenance's ``table`` describes id k + 1. Numbers start again after
-    255.
+    ``instances`` are (H, W) ids, and row k of the provenance's ``table`` describes id k + 1. The number after 255 is 1.
     """
     objects = [0, *(0 if row["still"] else 1 + number % _LARGEST_OBJECT for number, row in enumerate(table))]
     return np.array(objects, np.uint8)[instances]
@@ -156,13 +155,11 @@ def _calibration(pair: StorablePair) -> CalibContent:
 def _roles_of(eye: Eye) -> dict[str, FileRole]:
     """Return the roles of the files about one view."""
 
-    def role(
-        meaning: str, codec_of: Channel[Any], value: Callable[[ViewArrays], Any], *channels: Channel[Any]
-    ) -> FileRole:
-        """Return the role of a file that needs ``channels``; its output is that of the first channel."""
+    def role(meaning: str, like: Channel[Any], value: Callable[[ViewArrays], Any], *channels: Channel[Any]) -> FileRole:
+        """Return the role of a file that needs ``channels``, with the output of the first and the codec of ``like``."""
         return FileRole(
             meaning.format(view=eye, other=OTHER_EYE[eye]),
-            methodcaller("codec", codec_of),
+            methodcaller("codec", like),
             lambda pair: value(pair.frame.view(eye)),
             channels[0].output,
             eye if channels[0].is_truth else None,

@@ -136,11 +136,9 @@ class StereoDataset(PairDataset):
     Args:
         address: the dataset's folder, or an address that fsspec knows.
         split: a split of the dataset; None for all pairs, training pairs first.
-        crop: height and width, px, of a random crop of each pair; None for whole images.
+        crop, augmentation, transform: see `StereoStream`.
         seed: seed of crops and augmentation. By default it is the dataset's seed, which gives the same crops and
             changes as a `StereoStream`.
-        augmentation: changes of each pair, before the transform.
-        transform: a function of the sample; its result replaces the sample.
 
     Attributes:
         pairs: the result of `open_dataset`; ``dataset.pairs[i].provenance`` says how a pair was made.

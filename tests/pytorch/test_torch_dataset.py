@@ -17,7 +17,7 @@ from semisynth_gl.layouts import find_layout
 torch = heavy("torch")
 pytestmark = pytest.mark.heavy
 
-from torch.utils.data import ConcatDataset, DataLoader, get_worker_info  # noqa: E402 - torch is optional
+from torch.utils.data import DataLoader, get_worker_info  # noqa: E402 - torch is optional
 
 from semisynth_gl.torch import StereoDataset, StereoStream  # noqa: E402
 
@@ -160,14 +160,6 @@ def test_workers_that_stay_follow_the_epoch(hand_made):
     for epoch in range(3):
         dataset.set_epoch(epoch)
         assert [same(*both) for both in zip(loader, dataset, strict=True)] == [True] * 7
-
-
-def test_datasets_are_put_together_and_batched(hand_made, tmp_path):
-    write_dataset(tmp_path, "eth3d", {"train": 3}, 2)
-    both = ConcatDataset([StereoDataset(hand_made, crop=CROP), StereoDataset(tmp_path, crop=CROP)])
-    batches = list(DataLoader(both, batch_size=5))
-    assert [batch["index"].tolist() for batch in batches] == [[0, 1, 2, 3, 4], [5, 6, 0, 1, 2]]
-    assert all(batch["left"].shape == (5, 3, *CROP) for batch in batches)
 
 
 @pytest.mark.parametrize(
