@@ -64,7 +64,7 @@ def generate(
             or, where that is not set, EGL's first device.
         shard_pairs: pairs in a shard; by default as in the dataset in ``out``, else 64 or fewer, see `make_plan`.
         shards: numbers of the shards to make; by default all. Runs on several machines may make different shards of a
-            dataset. The run that makes the last one writes the index.
+            dataset; the run that makes the last missing shard writes the index.
         overwrite: replace an earlier dataset of this program, with all files in the folders of its layout; but resume
             an unfinished dataset with the same arguments.
         listener: receives messages, the number of pairs to make and each pair.

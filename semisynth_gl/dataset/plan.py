@@ -1,6 +1,6 @@
 """Making the plan of a dataset: its layout, and the number of pairs in a shard."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from importlib.metadata import version
 from math import ceil
 from typing import Any
@@ -46,7 +46,7 @@ def make_plan(
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
     layout_name = layout_name or config.layout or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
     layout = find_layout(layout_name)
-    if (reason := next(_conflicts(config, layout), None)) is not None:
+    if (reason := _conflict(config, layout)) is not None:
         raise InputError(f"the layout {layout_name} {reason}; or choose another layout, such as middlebury")
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
@@ -70,18 +70,18 @@ def make_plan(
     )
 
 
-def _conflicts(config: Config, layout: Layout) -> Iterator[str]:
-    """Yield reasons why a layout cannot hold a config's outputs, encodings or sequences."""
-    encodings, length = layout.encodings_for(config), sequence_length(config)
+def _conflict(config: Config, layout: Layout) -> str | None:
+    """Return why a layout cannot hold a config's outputs, encodings or sequences; None if it can."""
+    encodings, length, most = layout.encodings_for(config), sequence_length(config), layout.most_frames
     if layout.encodings is not None and config.files != type(config.files)():
-        yield "sets the encodings itself: leave the section files out of the config"
-    if length is not None and layout.most_frames is not None and length > layout.most_frames:
-        yield f"has names for {layout.most_frames} frames of a sequence with flow: lower sequence.length to that number"
-    for output in config.outputs:
-        if output in layout.lacks:
-            yield f"has no files for the output {output}: leave it out of outputs"
+        return "sets the encodings itself: leave the section files out of the config"
+    if length is not None and most is not None and length > most:
+        return f"has names for {most} frames of a sequence with flow: lower sequence.length to {most}"
+    if unknown := layout.lacks.intersection(config.outputs):
+        return f"has no files for the output {min(unknown)}: leave it out of outputs"
     if encodings.signed and not encodings.disparity.signed:
-        yield f"stores disparities as {encodings.disparity.description}, which cannot be signed"
+        return f"stores disparities as {encodings.disparity.description}, which cannot be signed"
+    return None
 
 
 def used_plugins(config: Config, layout_name: str) -> dict[str, dict[str, PluginPackage]]:

@@ -169,7 +169,5 @@ def read_members(root: UPath, shard: Shard, record: ShardRecord, pair: int, name
     end = max(offset + size for offset, size in spans.values())
     data = read_part(root, shard.tar, begin, end - begin)
     if len(data) < end - begin:
-        raise ReadError(
-            shown_path(root, shard.tar), f"has fewer than {end} bytes, but its record lists a file up to there"
-        )
+        raise ReadError(shown_path(root, shard.tar), f"is cut off: its record lists files up to byte {end}")
     return {name: data[offset - begin : offset - begin + size] for name, (offset, size) in spans.items()}

@@ -55,10 +55,10 @@ def _without_flow(**names: str) -> dict[str, str]:
     return {role: stem for role, stem in stems.items() if role not in _FLOW}
 
 
-_GT = _without_flow(disparity="disp{n}GT")
+_MIDDLEBURY_NAMES = _without_flow(disparity="disp{n}GT")
 
 _MIDDLEBURY = Layout(
-    stems=_below("MiddEval3/trainingF/{name}/", _GT | _VERTICAL | _FLOW | _METADATA),
+    stems=_below("MiddEval3/trainingF/{name}/", _MIDDLEBURY_NAMES | _VERTICAL | _FLOW | _METADATA),
     lists={"MiddEval3/official_train.txt": "{name}\n"},
     # Loaders of half or quarter size list the scenes in one of these folders, and may read them in a different one.
     links={
@@ -74,7 +74,7 @@ _ETH3D = Layout(
     stems=_below("two_view_training/{name}/", {"left": "im0", "right": "im1", "calibration": "calib"})
     | _below(
         "two_view_training_gt/{name}/",
-        {role: name for role, name in _GT.items() if role not in EYES} | {"provenance": "pair"} | _FLOW,
+        {role: name for role, name in _MIDDLEBURY_NAMES.items() if role not in EYES} | {"provenance": "pair"} | _FLOW,
     ),
     links={f"ETH3D/{folder}": f"../{folder}" for folder in ("two_view_training", "two_view_training_gt")},
     needs=frozenset({"visibility"}),
@@ -109,8 +109,8 @@ _MIDDLEBURY_2014 = Layout(
 
 # KITTI numbers frames with two digits from here on.
 _FIRST_FRAME = 10
-_PLAIN = {role: stem for role, stem in view_stems({}, "{channel}_{n}").items() if "visibility" not in role}
-# A pair's files are listed in this order.
+_CHANNEL_FOLDERS = {role: stem for role, stem in view_stems({}, "{channel}_{n}").items() if "visibility" not in role}
+# Records list a pair's files in this order.
 _KITTI_FOLDERS = {
     "left": "image_2",
     "right": "image_3",
@@ -119,7 +119,7 @@ _KITTI_FOLDERS = {
     "disparity_right": "disp_occ_1",
     "not_occluded_right": "disp_noc_1",
     "objects": "obj_map",
-    **{role: _PLAIN[role] for role in ("instances_left", "instances_right", "depth_left", "depth_right")},
+    **{role: _CHANNEL_FOLDERS[role] for role in ("instances_left", "instances_right", "depth_left", "depth_right")},
     **{
         f"{flow}_{seen}{eye}": f"{flow}_{short}{'' if eye == 'left' else '_right'}"
         for flow in ("flow", "flow_backward")
@@ -127,7 +127,7 @@ _KITTI_FOLDERS = {
         for seen, short in (("", "occ"), ("not_occluded_", "noc"))
     },
 }
-_KITTI_FOLDERS |= {role: folder for role, folder in _PLAIN.items() if role not in _KITTI_FOLDERS}
+_KITTI_FOLDERS |= {role: folder for role, folder in _CHANNEL_FOLDERS.items() if role not in _KITTI_FOLDERS}
 
 
 def _kitti_fields(key: PairKey) -> dict[str, str]:
