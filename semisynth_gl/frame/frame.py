@@ -56,7 +56,8 @@ class Frame:
         return cls(camera, left, right)
 
     def view(self, eye: Eye) -> ViewArrays:
-        """Return one eye's view."""
+        """Return one eye's view; raises InputError if ``eye`` is not "left" or "right"."""
+        check_one_of("eye", eye, EYES)
         return self.left if eye == "left" else self.right
 
     def correspondences(self, eye: Eye) -> NDArray[np.float64]:
@@ -85,7 +86,6 @@ class Frame:
             InputError: where there is no such view.
             AttributeError: where the view has no disparity.
         """
-        check_one_of("eye", eye, EYES)
         disparity = self.view(eye).disparity
         y_px, x_px = np.mgrid[: disparity.shape[0], : disparity.shape[1]]
         depth_m = self.camera.depth_at(eye, x_px, y_px, disparity.astype(np.float64))

@@ -65,7 +65,7 @@ WRONG = {
     ],
     "mesh m: positions": [lambda value: make_mesh("m", value, [[0, 0]], [[0, 0, 0]]), ("abc", [[0, 0, np.nan]])],
     "outputs": [lambda value: Renderer([SQUARE], LAYERS, outputs=value), ([3], [["depth"]], ["depht"])],
-    "eye": [FRAME.points, ("middle", 0, np.arange(2))],
+    "eye": [FRAME.view, ("middle", 0, np.arange(2))],
     "prediction": [lambda value: score(value, np.ones((4, 5), np.float32), "kitti"), ("a.pfm", [[1], [1, 2]])],
     "scale": [lambda value: calibrate("photos", **RIG, scale=value), ("half", 0, np.nan, np.inf)],
     "size": [lambda value: calibrate("photos", **RIG | {"size": value}), ((3, 4, 5), (3.5, 4))],
