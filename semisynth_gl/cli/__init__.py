@@ -11,7 +11,7 @@ import click
 
 from semisynth_gl.inputs.errors import SemisynthError
 
-# Exit code of wrong input, and of a run that was stopped or filled the disk: the same command resumes it.
+# Exit code of wrong input, and of a run that was stopped or has filled the disk.
 _REFUSED = 2
 _STAYS = "Complete files and shards stay on disk; the same command continues."
 
@@ -43,7 +43,7 @@ def semisynth_gl() -> None:
 
 def main() -> NoReturn:
     """Run the command line and exit."""
-    # The library's log messages announce work that takes seconds.
+    # The library logs a message before work that takes seconds.
     logging.basicConfig(format="%(message)s", force=True)
     logging.getLogger("semisynth_gl").setLevel(logging.INFO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # from a scheduler: the same as Ctrl-C

@@ -46,52 +46,52 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     "--calib-keys",
     callback=_calib_keys,
     metavar="K1=NAME,...",
-    help="Names of values in --calib that are not recognised: K1=left.camera_matrix,D1=left.dist,... for K1, D1, R1, "
-    "P1, K2, D2, R2, P2, R, T, Q and size.",
+    help="Where --calib has values whose names are not recognised: K1=left.camera_matrix,D1=left.dist,... for K1, D1, "
+    "R1, P1, K2, D2, R2, P2, R, T, Q and size.",
 )
 @option(
     "--pair",
     "cameras",
     callback=split(click.STRING),
     metavar="LEFT,RIGHT",
-    help="The left and the right camera, such as cam1,cam2, if the calibration has more than two.",
+    help="Names of the left and the right camera, such as cam1,cam2, if the calibration has more than two.",
 )
-@option("--focal-px", type=float, help="Focal length in pixels; needs --baseline-m and --size, and replaces --calib.")
-@option("--baseline-m", type=float, help="Distance between the cameras in metres; see --focal-px.")
+@option("--focal-px", type=float, help="Focal length in pixels. With --baseline-m and --size, it replaces --calib.")
+@option("--baseline-m", type=float, help="Distance between the cameras in metres, with --focal-px.")
 @option(
     "--size",
     callback=_size,
     metavar="WIDTHxHEIGHT",
-    help="Size of the images, such as 1280x720, if --calib lacks it; by default that of most photographs, "
-    "except with --other-camera or --focal-px.",
+    help="Size of the images, such as 1280x720, if --calib does not have it.  [default: the size of most photographs, "
+    "unless there is --other-camera or --focal-px]",
 )
 @option("--scale", type=float, help="Size of the images relative to the calibrated size, such as 0.25.")
-@option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in --calib; by default the likeliest.")
+@option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in --calib.  [default: the likeliest]")
 @option(
     "--alpha",
     type=float,
-    help="alpha of stereoRectify, for a calibration without P1 and P2: 0 crops all borders, 1 keeps all raw pixels. "
-    "By default stereoRectify chooses, and a fisheye's view is limited to 100 degrees.",
+    help="alpha of OpenCV's stereoRectify, for a calibration without P1 and P2: 0 crops all borders, 1 keeps all raw "
+    "pixels.  [default: stereoRectify's, and at most 100 degrees of a fisheye's view]",
 )
 @map_options
-@option("--range-px", type=(float, float), help="Smallest and largest disparity in pixels, if there is no --disparity.")
+@option("--range-px", type=(float, float), help="Smallest and largest disparity in pixels, instead of --disparity.")
 @option("--range-m", type=(float, float), help="Smallest and largest distance in metres, instead of --range-px.")
-@option("--other-camera", is_flag=True, help="The photographs are from a different camera, and may have any size.")
+@option("--other-camera", is_flag=True, help="A different camera took the photographs; they may have any size.")
 @option(
     "--trials",
     type=NATURAL,
     default=6,
-    help="Pairs to render and measure for each recipe and each of two texture scales. 0 needs no OpenGL: all recipes "
-    "get the same weight, and textures are as in the packaged configs.",
+    help="Number of pairs to render and measure for each recipe, with each of two texture scales. 0 needs no OpenGL: "
+    "all recipes get the same weight, and textures are as in the packaged configs.",
 )
 @option("--out", type=OutputFileType(".yaml", ".yml"), required=True, help="YAML file to write.")
-@option("--overwrite", is_flag=True, help="Overwrite an existing --out, with your changes in it.")
+@option("--overwrite", is_flag=True, help="Replace --out if it exists, with any changes that you made in it.")
 def calibrate(
     out: Path,
     overwrite: bool,
     **others: Any,  # noqa: ANN401 - arguments of the function that calibrates
 ) -> None:
-    """Write a config for a rig: its camera, its range of disparities, and the photographs to cut patches from."""
+    """Write a config for a rig: its camera and disparities, and photographs to cut patches from."""
     if out.is_file() and not overwrite:
         raise InputError(f"--out {out}: exists already; choose another name, or replace it with --overwrite")
     with Progress() as progress:

@@ -10,9 +10,9 @@ from semisynth_gl.config.load import load_config, summaries
 @click.command(cls=Command)
 @click.argument("config_name", type=click.Path(), metavar="[NAME_OR_PATH]", required=False)
 def configs(config_name: str | None) -> None:
-    """List the packaged configs, or print a config with all of its keys, defaults and comments.
+    """List the packaged configs, or print a config in full.
 
-    The output is a config: save it, change it, and pass it to generate.
+    The printed config has all keys, defaults and comments. Save it, change it, and pass it to generate.
     """
     if config_name is not None:
         click.echo(explain(load_config(config_name)), nl=False)

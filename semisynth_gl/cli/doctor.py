@@ -15,14 +15,17 @@ from semisynth_gl.render import Backend
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
 _LARGEST_ERROR_PX = 1e-3
-# Exists if the kernel has an NVIDIA GPU.
+# This file exists if the kernel has a driver for an NVIDIA GPU.
 _NVIDIA_CONTROL = Path("/dev/nvidiactl")
 
 
 @click.command(cls=Command)
 def doctor() -> None:
-    """Show this machine's packages, devices and backends, and check a test pair's disparity."""
-    # Imported here, as in `_try`: completion needs no OpenGL.
+    """Check whether this machine can render.
+
+    Lists packages, plug-ins, EGL's devices and the backends, and checks the disparity of a test pair with each backend.
+    """
+    # Imported here, as in `_try`: help and completion need no OpenGL.
     from semisynth_gl.render.devices import egl_devices  # noqa: PLC0415
 
     click.echo(f"Python {platform.python_version()} on {platform.platform()}")
@@ -51,7 +54,7 @@ def doctor() -> None:
 
 
 def _try(backend: Backend) -> bool:
-    """Print a backend's facts and render a test pair; return whether that works and the disparity is exact."""
+    """Print a backend's facts, and render a test pair; return whether its disparity is exact."""
     from semisynth_gl.bench.accuracy import plane_error_px  # noqa: PLC0415
     from semisynth_gl.render.context import context_facts  # noqa: PLC0415
 

@@ -33,12 +33,12 @@ _WORST = 10
     "--pred-right",
     "predictions_right",
     type=_PATH,
-    help="Folder of predictions for the right views: without --gt, count the pixels of --pred that they confirm.",
+    help="Folder of predictions for the right views, instead of --gt: count the pixels of --pred that disagree.",
 )
 @option(
     "--protocol",
     type=click.Choice(tuple(PROTOCOLS)),
-    help="Benchmark whose definitions to use; by default the one whose format --gt has.",
+    help="Benchmark whose definitions to use.  [default: kitti or eth3d if --gt has that format, else middlebury]",
 )
 @option("--split", type=click.Choice(SPLITS), help="Evaluate only this split of --gt.")
 @option("--json", "json_file", type=OutputFileType(), help="JSON file for the figures of every pair.")
@@ -50,11 +50,10 @@ def evaluate(
     json_file: Path | None,
     **options: Any,  # noqa: ANN401 - of the function that evaluates
 ) -> None:
-    """Compare predicted disparities with the truth, as a benchmark does.
+    """Score predicted disparities by a benchmark's definitions.
 
-    Prints figures of all pairs together, and of each pair or, if there are many, of the worst pairs.
-
-    Predictions are .pfm, .npy or 16-bit .png files, named as the pair or as the truth's file.
+    Prints the figures of all pairs together, and of the ten worst pairs. Predictions are .pfm, .npy or 16-bit .png
+    files. Each has the name of its pair, or of the truth's file.
     """
     if predictions_right is not None and not (truth or any(options.values())):
         report = evaluate_views(predictions, predictions_right)
@@ -76,7 +75,7 @@ def evaluate(
 
 
 def _table(pairs: list[tuple[str, Mapping[str, Any]]], mean: Mapping[str, Any], by: str) -> list[str]:
-    """Return a row for each of the worst pairs by the figure ``by``, and a row for the mean."""
+    """Return a row for each of the worst pairs by the figure ``by``, and one for all pairs, which is the ``mean``."""
     pairs.sort(key=lambda pair: -math.inf if pair[1][by] is None else -pair[1][by])
     rows = [["", *mean]]
     for name, figures in (*pairs[:_WORST], ("all pairs", mean)):

@@ -23,9 +23,11 @@ _PAIRS_PER_WORKER = 8
 def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | None:
     if text is None:
         return None
-    if not (parts := re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", text)):
-        raise click.BadParameter(f"expected one number, or two such as 100-199, got {text!r}")
-    return range(int(parts[1]), int(parts[2] or parts[1]) + 1)
+    parts = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", text)
+    shards = range(int(parts[1]), int(parts[2] or parts[1]) + 1) if parts else range(0)
+    if not shards:
+        raise click.BadParameter(f"expected a number, or two in ascending order such as 100-199, got {text!r}")
+    return shards
 
 
 @click.command(cls=Command)
@@ -45,30 +47,30 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
     "--outputs",
     callback=split(click.Choice((*OUTPUTS, "none"))),
     metavar="a,b",
-    help=f"Files besides images and disparities: {', '.join(OUTPUTS)}; or none.  [default: the config's]",
+    help=f"What to write besides images and disparities: {', '.join(OUTPUTS)}; or none.  [default: the config's]",
 )
 @option("--pairs", type=NATURAL, default=24, help="Number of training pairs.")
 @option(
-    "--validation", type=NATURAL, default=0, help="Number of validation pairs; their photographs are in no other split."
+    "--validation", type=NATURAL, default=0, help="Number of validation pairs; no other split has their photographs."
 )
-@option("--test", type=NATURAL, default=0, help="Number of test pairs; their photographs are in no other split.")
+@option("--test", type=NATURAL, default=0, help="Number of test pairs; no other split has their photographs.")
 @option(
     "--engine",
     type=click.Choice(("serial", "local", "ray")),
-    help="Where to make the shards: in this process, in processes of this machine, or on the Ray cluster of "
-    "$RAY_ADDRESS, else a local one.  [default: local if there is work for several workers, else serial]",
+    help="Where to make the shards. serial: in this process; local: in processes of this machine; ray: on the Ray "
+    "cluster of $RAY_ADDRESS, or a local one.  [default: local if there is work for several workers, else serial]",
 )
 @option(
     "--workers",
     type=click.IntRange(min=1, max=MOST_WORKERS),
     help="Number of processes of the engine local; it does not change the files.  [default: one for each core, but "
-    f"at most one for every {_PAIRS_PER_WORKER} pairs]",
+    f"at most one for every {_PAIRS_PER_WORKER} pairs, and at least one for each of --gpus]",
 )
 @option(
     "--gpus",
     callback=split(click.IntRange(min=0, max=9999)),
     metavar="A,B",
-    help="CUDA's numbers of the GPUs; they are assigned to workers in turn.",
+    help="CUDA's numbers of the GPUs. Each worker uses one of them, in turn.",
 )
 @option(
     "--gpu-share",
@@ -100,14 +102,14 @@ def generate(
     gpu_share: float,
     **options: Any,  # noqa: ANN401 - of the function that generates
 ) -> None:
-    """Write a dataset: left, right, both disparities, masks and calibration of each pair.
+    """Write a dataset: images, disparities, masks and calibration.
 
     Ctrl-C stops the run; complete shards stay. After that, or if the run was killed, the same command makes only the
     missing shards. With more --pairs, the dataset grows.
 
-    The layout decides which loaders can read the files; docs/output.md lists all layouts. In the
-    config, the section "files" chooses encodings. Flow leads to the next frame, which is a pair of the
-    dataset only if sequence.length is 2 or more.
+    The layout decides which loaders can read the files; docs/output.md lists all layouts. In the config, the section
+    "files" chooses encodings. Flow leads to the next frame, which is a pair of the dataset only if sequence.length is 2
+    or more.
     """
     # Imported here: help and completion need no renderer.
     from semisynth_gl.dataset.generate import generate as generate_dataset  # noqa: PLC0415
@@ -141,7 +143,7 @@ def generate(
 def _open_engine(
     name: str | None, workers: int | None, gpus: tuple[int, ...] | None, gpu_share: float, pairs: int
 ) -> "Engine":
-    """Return the engine for a total number of pairs; refuse options of other engines."""
+    """Return the engine for a total number of pairs; refuse options that it would ignore."""
     # Imported here: help and completion need no renderer.
     from semisynth_gl.dataset.cluster import RayEngine  # noqa: PLC0415
     from semisynth_gl.dataset.engines import LocalEngine, SerialEngine, cores  # noqa: PLC0415
@@ -152,7 +154,10 @@ def _open_engine(
         return RayEngine(gpus=gpu_share)
     if gpu_share:
         raise InputError("--gpu-share is for --engine ray")
-    count = workers or max(1, min(cores(), pairs // _PAIRS_PER_WORKER))
     if name == "serial" and (workers or 1) > 1:
         raise InputError("--workers is for --engine local, not for serial")
+    least = len(gpus or (0,))
+    count = 1 if name == "serial" else workers or max(least, min(cores(), pairs // _PAIRS_PER_WORKER))
+    if count < least:
+        raise InputError(f"--gpus: expected one GPU per worker at most, got {least} for {counted(count, 'worker')}")
     return SerialEngine() if name == "serial" or (name is None and count == 1) else LocalEngine(count)

@@ -25,12 +25,12 @@ _MOST = 10_000_000
 NATURAL = click.IntRange(min=0, max=_MOST)
 COUNT = click.IntRange(min=1, max=_MOST)
 MOST_WORKERS = 1024
-# JSON readers in other languages may read whole numbers as 64 bits.
-SEED = click.IntRange(min=0, max=(1 << 63) - 1)
+# Datasets have the seed in JSON, and readers in other languages may hold whole numbers in 64 bits.
+_SEED = click.IntRange(min=0, max=(1 << 63) - 1)
 
 
 class Command(click.Command):
-    """A command whose errors name its options in place of the library's arguments."""
+    """A command that names an option where an error of the library names an argument."""
 
     def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 - click's signature
         """Run the command."""
@@ -43,7 +43,7 @@ class Command(click.Command):
 
 
 def split(item: Any) -> Callable[..., tuple[Any, ...] | None]:  # noqa: ANN401 - a type of click's
-    """Return a callback that converts an option's text, values separated by commas, to a tuple of a type."""
+    """Return a callback that converts an option's text, such as "a,b", to a tuple of values of a type of click's."""
 
     def convert(ctx: click.Context, param: click.Parameter, text: str | None) -> tuple[Any, ...] | None:
         return None if text is None else tuple(item.convert(each.strip(), param, ctx) for each in text.split(","))
@@ -59,29 +59,30 @@ images_option = partial(
     help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
 )
 
-set_option = option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="dotted.key=value",
-    help="Override a key of the config, for example camera.width_px=640. May be repeated.",
+run_options = options(
+    option("--seed", type=_SEED, default=0, help="Seed of the pairs; each seed makes different pairs."),
+    option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="dotted.key=value",
+        help="Override a key of the config, for example camera.width_px=640. May be repeated.",
+    ),
+    option(
+        "--backend",
+        type=click.Choice(BACKENDS),
+        default="auto",
+        help="egl: a GPU, or llvmpipe; osmesa: Mesa's off-screen renderer; auto: the first that works.",
+    ),
 )
-
-backend_option = option(
-    "--backend",
-    type=click.Choice(BACKENDS),
-    default="auto",
-    help="egl: a GPU, or llvmpipe; osmesa: Mesa's off-screen renderer; auto: the first that works.",
-)
-
 
 map_options = options(
     option(
         "--disparity",
         multiple=True,
         metavar="PATH_OR_GLOB",
-        help="Disparity maps of the place, true or predicted: .pfm, .npy, 16-bit .png. If a map is not as wide as the "
-        "images, its disparities are scaled by the ratio of the widths. May be repeated.",
+        help="Disparity maps, true or predicted, of the place where the network will work: .pfm, .npy, 16-bit .png. If "
+        "a map is not as wide as the images, its disparities are scaled by the ratio of the widths. May be repeated.",
     ),
     option(
         "--png-scale",
@@ -108,9 +109,7 @@ scene_options = options(
         metavar="DIR",
         help="Folder of 3D models to add to the built-in ones and the config's folders. May be repeated.",
     ),
-    option("--seed", type=SEED, default=0, help="Seed of the dataset; each seed makes different pairs."),
-    set_option,
-    backend_option,
+    run_options,
 )
 
 
@@ -119,7 +118,7 @@ def scene_config(
 ) -> Config:
     """Load the config that `scene_options` describe, with further settings."""
     overrides: list[str | tuple[str, Any]] = [*settings, *further]
-    # Pass values: in YAML text, some file names would become numbers or dates.
+    # Pass values instead of YAML text, in which some file names would be numbers or dates.
     if images:
         overrides += [("textures.source", "images"), ("textures.images", list(images))]
     if models:

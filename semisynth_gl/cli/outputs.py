@@ -1,4 +1,4 @@
-"""Files and tables that commands write."""
+"""Files and tables that commands write: options for files, JSON, aligned text."""
 
 import json
 import os
@@ -9,14 +9,14 @@ import click
 
 
 class OutputFileType(click.Path):
-    """The type of a file to write: its folder must exist, and its name must have one of the ``endings``, if any."""
+    """Option type of a file to write: its folder must exist, and its name must end in one of ``endings``, if any."""
 
     def __init__(self, *endings: str) -> None:
         super().__init__(path_type=Path)
         self._endings = endings
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path; raises BadParameter if its folder does not exist, it is a folder, or its ending is wrong."""
+        """Return the path; raises BadParameter if it cannot be written or has a wrong ending."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if self._endings and path.suffix.lower() not in self._endings:
             self.fail(f"{path}: expected a name that ends in {' or '.join(self._endings)}", param, ctx)
@@ -34,7 +34,7 @@ def write_json(path: Path | None, values: object) -> None:
 
 
 def table(rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return rows of cells as lines; the first column is aligned to the left, the others to the right."""
+    """Return rows of cells as lines, in columns; the first column is aligned to the left, the others to the right."""
     rows = [*rows]
     first, *others = (max(map(len, cells)) for cells in zip(*rows, strict=True))
     return [

@@ -27,7 +27,7 @@ _FEWEST = 4
 @option(
     "--patches",
     is_flag=True,
-    help="Draw the patches instead of pairs, and count them and the rejected crops, by reason.",
+    help="Show patches instead of pairs. Count each image's patches, and its rejected crops by reason.",
 )
 @option(
     "--pairs",
@@ -42,14 +42,15 @@ def preview(
     pairs: int | None,
     **scene: Any,  # noqa: ANN401 - of `scene_config`
 ) -> None:
-    """Draw a contact sheet: pairs, if possible one of each recipe, and their disparities against the config's target.
+    """Render a few pairs as a contact sheet.
 
-    The histogram weights each recipe by its share of the scenes.
+    There is a pair of each recipe, if possible. A histogram compares the disparities, weighted by each recipe's share
+    of the scenes, with the config's target.
     """
     if patches:
         if pairs is not None:
-            raise InputError("--patches draws no pairs: leave --pairs out")
-        _draw_patches(scene_config(**scene).textures, seed, out)
+            raise InputError("--patches shows no pairs: leave --pairs out")
+        _preview_patches(scene_config(**scene).textures, seed, out)
         return
     # Imported here: help and completion need no renderer, and loading matplotlib takes longer than rendering a pair.
     from semisynth_gl.judge.charts import plot_sheet  # noqa: PLC0415
@@ -82,14 +83,13 @@ def preview(
             seen = f"shown as {'pair' if len(its) == 1 else 'pairs'} {listed}" if its else "not shown"
             click.echo(f"{recipe.name}, {recipe.share:.0%} of the scenes: {seen}")
     click.echo(
-        f"over many pairs, disparities are expected to have a total variation of "
-        f"{total_variation(expected, target):.3f} from the target, and a Wasserstein-1 distance of "
-        f"{wasserstein_px(target, expected):.2g} px"
+        f"expected distance of many pairs' disparities from the target: total variation "
+        f"{total_variation(expected, target):.3f}, Wasserstein-1 {wasserstein_px(target, expected):.2g} px"
     )
 
 
-def _draw_patches(section: TexturesSection, seed: int, out: Path) -> None:
-    """Draw the patches of a dataset with this seed, and print how many patches and rejected crops each image has."""
+def _preview_patches(section: TexturesSection, seed: int, out: Path) -> None:
+    """Write a sheet of a dataset's patches, and print how many patches and rejected crops each image has."""
     atlas = prepare_atlas(section, Split(seed))
     report = atlas.report
     kept = counted(report.total("kept"), "patch")

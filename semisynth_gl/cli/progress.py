@@ -14,7 +14,7 @@ _SECONDS_BETWEEN_LINES = 10.0
 
 
 class Progress(Listener):
-    """Shows messages and counts pairs. Use it in a ``with`` block, which removes the bar at its end."""
+    """Shows messages and counts pairs. A ``with`` block closes the bar at its end."""
 
     def __init__(self) -> None:
         self._total = self._count = 0
@@ -30,17 +30,17 @@ class Progress(Listener):
             self._bar.close()
 
     def on_message(self, text: str) -> None:
-        """Show a sentence."""
+        """Show a message."""
         click.echo(text, err=True)
 
     def on_renderer(self, name: str) -> None:
-        """Show the name of each renderer once."""
+        """Show a renderer's name when it appears for the first time."""
         if name not in self._renderers:
             self._renderers.add(name)
             self.on_message(f"rendering with {name}")
 
     def on_total(self, pairs: int) -> None:
-        """Show the bar and start the clock, so that the rate excludes the time before the first pair."""
+        """Show the bar, and start the clock here: what comes before the first pair is not in the rate."""
         self._total = pairs
         self._start = self._shown_at = time.monotonic()
         if sys.stderr.isatty():

@@ -16,8 +16,7 @@ from semisynth_gl.inputs.errors import counted
 @click.command(cls=Command)
 @click.argument("directory", metavar="DIR_OR_ADDRESS")
 @images_option(
-    help="Photographs of the place where the network will work, to compare them: a file, folder or glob. May be "
-    "repeated.",
+    help="Photographs of the place where the network will work: a file, folder or glob. May be repeated.",
 )
 @map_options
 @option(
@@ -34,10 +33,11 @@ from semisynth_gl.inputs.errors import counted
 )
 @option("--sample", type=COUNT, default=200, help="Number of pairs to measure, evenly spread over the dataset.")
 def report(directory: str, out: Path | None, json_file: Path | None, **options: Any) -> None:  # noqa: ANN401 - of the function that reports
-    """Write one HTML page about a dataset: pairs, distributions, outliers, and the settings that made it.
+    """Write an HTML page about a dataset.
 
-    With --images and --disparity, the page and the terminal also show how the dataset differs from that place, and
-    which keys of the config to change. The page opens from disk in a browser, without server or network.
+    It shows pairs, distributions, outliers, and the settings that made the dataset. With --images and --disparity, the
+    page and the terminal also show how the dataset differs from the place where the network will work, and which keys
+    of the config to change. A browser opens the page from disk, without server or network.
     """
     # Imported here: loading matplotlib takes longer than reading a pair.
     from semisynth_gl.judge import comparison  # noqa: PLC0415
@@ -48,7 +48,7 @@ def report(directory: str, out: Path | None, json_file: Path | None, **options: 
     start = time.monotonic()
     with Progress() as progress:
         built = report_on(directory, **options, listener=progress)
-    data = built.page.encode("utf-8", "backslashreplace")  # file names may hold bytes that are not text
+    data = built.page.encode("utf-8", "backslashreplace")  # file names may have bytes that are not text
     out.write_bytes(data)
     write_json(json_file, built.values())
     measured = counted(len(built.pairs), "pair")

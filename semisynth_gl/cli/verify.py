@@ -19,16 +19,16 @@ from semisynth_gl.judge.verify import verify as verify_dataset
 @option(
     "--rays",
     type=NATURAL,
-    help="Number of pairs, evenly spread, to compare with float64 rays through their rebuilt scenes.  "
+    help="Number of pairs, evenly spread, to compare with float64 rays through their scenes, which are rebuilt.  "
     f"[default: {PAIRS_WITH_RAYS}, or 0 if the scenes cannot be rebuilt]",
 )
 @option("--oracle", is_flag=True, help="Compare all pairs with rays.")
-@option("--pixels", type=COUNT, default=500, help="Number of rays for each of these pairs.")
+@option("--pixels", type=COUNT, default=500, help="Number of rays for each pair that is compared with rays.")
 @option("--json", "json_file", type=OutputFileType(), help="JSON file for findings and measures.")
 def verify(directory: str, json_file: Path | None, rays: int | None, pixels: int, *, oracle: bool) -> None:
-    """Read a dataset back from its files, as a user's program would, and print its faults.
+    """Read a dataset's files back, and print their faults.
 
-    Each line is one finding: scene, check and fault. The exit code is 1 if there are findings.
+    Each line is a finding: pair, check and fault. The exit code is 1 if there are findings.
     """
     if oracle and rays is not None:
         raise click.UsageError("give --rays or --oracle, not both")

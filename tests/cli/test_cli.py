@@ -89,6 +89,8 @@ def test_doctor_tells_where_egl_does_not_list_an_nvidia_gpu(program, monkeypatch
         ("generate --config middlebury --outputs visibility,normal", ["--outputs", "normals"]),
         ("generate --config middlebury --engine ray --workers 1", ["--workers"]),
         ("generate --config middlebury --shards 7-9", ["shards 0-7"]),
+        ("generate --config middlebury --shards 5-3", ["--shards", "ascending order"]),
+        ("generate --config middlebury --workers 1 --gpus 0,1", ["--gpus", "got 2 for 1 worker"]),
         ("generate --config middlebury --layout kitti --set files.disparity=png16", ["section files"]),
         ("generate --config middlebury --out nothing://x", ["nothing://x"]),
     ],

@@ -85,7 +85,7 @@ def test_any_file_name_can_be_shown(program, tmp_path):
     [
         (["--out", "sheet.jpg"], "ends in .png"),
         (["--out", "no/sheet.png"], "does not exist"),
-        (["--pairs", "2"], "--patches draws no pairs: leave --pairs out"),
+        (["--pairs", "2"], "--patches shows no pairs: leave --pairs out"),
         (["--set", "textures.source=images"], "textures.images is empty: set it to your photographs"),
     ],
 )
