@@ -1,15 +1,17 @@
-"""Adapters for calibration formats: each renames the values of one format to names that `finder` knows."""
+"""Adapters for calibration formats with a structure of their own: each renames values to names that `aliases` knows."""
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.named_arrays import is_rotation
-from semisynth_gl.calibration.poses import pose_of
+from semisynth_gl.calibration.aliases import is_camera_matrix, is_rotation, key_and_camera
+from semisynth_gl.calibration.finder import pose_of
 from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.calibration.tree import Array, FormatError, Tree
 from semisynth_gl.frame.camera import camera_matrix
 from semisynth_gl.frame.raw_camera import rotation_of
+from semisynth_gl.geometry.rotations import rotations_from_quaternions
 from semisynth_gl.inputs.errors import abbreviate, shown
 
 # Image sizes of ZED's modes.
@@ -25,17 +27,27 @@ _ZED_SIZES = {
 }
 # DepthAI's camera types: the lens model, and its number of coefficients; files have 14 for each lens.
 _DEPTHAI_LENSES = {0: ("radtan", 14), 1: ("fisheye", 4)}
+_BASALT_POSE = ("px", "py", "pz", "qx", "qy", "qz", "qw")
 
 
-RenamedTree = tuple[Tree, tuple[str, str] | None]
-"""Renamed values, lengths in metres; and labels of the left and right camera, None if the file has only two cameras."""
+class RenamedTree(NamedTuple):
+    """Renamed values of a calibration.
+
+    The name of a pose (4, 4) from frame b to frame a is ("pose", a, b); a frame is a camera's number or any other name.
+    """
+
+    tree: Tree
+    cameras: tuple[str, str] | None = None
+    """The left and the right camera; None if the file has only two."""
+    unit: str | None = "m"
+    """Unit of lengths; None if the format does not fix it."""
 
 
 def middlebury(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     """Read calib.txt of Middlebury and ETH3D: cam0, cam1, and the baseline in mm."""
     if not tree.keys() >= {("cam0",), ("cam1",), ("baseline",)}:
         return None
-    return tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)}, None
+    return RenamedTree(tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)})
 
 
 def zed(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
@@ -50,7 +62,7 @@ def zed(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
     t_mm += [_number(tree, "STEREO", key, missing=0.0) for key in ("TY", "TZ")]
     rotation = [_number(tree, "STEREO", f"{key}_{mode}", missing=0.0) for key in ("RX", "CV", "RZ")]
     made |= {("R",): np.array(rotation), ("T",): np.array(t_mm) / 1000, ("size",): np.array(_ZED_SIZES[mode], float)}
-    return made, None
+    return RenamedTree(made)
 
 
 def realsense(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
@@ -61,7 +73,7 @@ def realsense(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
     sizes = {n: ImageSize(*(int(_number(tree, "rectified", n, side)) for side in ("width", "height"))) for n in numbers}
     number = _chosen({n: own for n, own in sizes.items() if min(own) > 0}, size)
     made = {name[2:]: value for name, value in tree.items() if name[:2] == ("rectified", number)}
-    return made | {("baseline",): np.array(abs(_number(tree, "baseline")) / 1000)}, None
+    return RenamedTree(made | {("baseline",): np.array(abs(_number(tree, "baseline")) / 1000)})
 
 
 def mrcal(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
@@ -73,8 +85,8 @@ def mrcal(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
         if len(intrinsics) < 4 or len(pose) != 6:
             raise FormatError("expected intrinsics of 4 or more numbers, and extrinsics of 6")
         made |= {(*name, "K"): camera_matrix(*intrinsics[:4]), (*name, "D"): intrinsics[4:]}
-        made[*name, "T_cam_reference"] = pose_of(np.array(rotation_of((pose[0], pose[1], pose[2]))), pose[3:])
-    return (made, None) if len(made) > len(tree) else None
+        made[*name, "T_cam_ref"] = pose_of(np.array(rotation_of((pose[0], pose[1], pose[2]))), pose[3:])
+    return RenamedTree(made) if len(made) > len(tree) else None
 
 
 def depthai(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
@@ -82,37 +94,83 @@ def depthai(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     made: Tree = {}
     cameras = dict.fromkeys(name[:2] for name in tree if name[0] == "cameraData" and len(name) > 2)
     for camera in cameras:
-        socket, values = int(_number(tree, *camera, "0")), (*camera, "1")
+        socket, values = str(int(_number(tree, *camera, "0"))), (*camera, "1")
         kind = int(_number(tree, *values, "cameraType", missing=0))
         model, count = _DEPTHAI_LENSES.get(kind, (f"omni (cameraType {kind})", 0))
         for name, key in {"K": "intrinsicMatrix", "width": "width", "height": "height"}.items():
-            made[f"cam{socket}", name] = _array(tree, *values, key)
-        made |= {
-            (f"cam{socket}", "D"): _array(tree, *values, "distortionCoeff")[:count],
-            (f"cam{socket}", "model"): model,
-        }
+            made[socket, name] = _array(tree, *values, key)
+        made |= {(socket, "D"): _array(tree, *values, "distortionCoeff")[:count], (socket, "model"): model}
         # The last camera of the chain has toCameraSocket -1, and an empty rotation or only zeros.
-        turn, shift = (_array(tree, *values, "extrinsics", key) for key in ("rotationMatrix", "translation"))
-        if (turn.size, shift.size) == (9, 3) and is_rotation(turn.reshape(3, 3)):
+        turn = _array(tree, *values, "extrinsics", "rotationMatrix")
+        if turn.size == 9 and is_rotation(turn.reshape(3, 3)):
             there = int(_number(tree, *values, "extrinsics", "toCameraSocket", missing=-1))
-            made[f"T_{there}_{socket}",] = pose_of(turn.reshape(3, 3), shift / 100)
+            shift_cm = [_number(tree, *values, "extrinsics", "translation", axis) for axis in "xyz"]
+            made["pose", str(there), socket] = pose_of(turn.reshape(3, 3), np.array(shift_cm) / 100)
     if not cameras:
         return None
     left, right = (int(_number(tree, "stereoRectificationData", f"{eye}CameraSocket")) for eye in ("left", "right"))
-    return made, (str(left), str(right))
+    return RenamedTree(made, (str(left), str(right)))
 
 
 def kitti(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
-    """Read KITTI's files: the colour cameras, or else the grey ones."""
+    """Read KITTI's rectified colour cameras, or else the grey ones: they show a part of the raw images."""
     names = {name[-1] for name in tree}
     for pair in (("2", "3"), ("0", "1")):
-        if any({form + number for number in pair} <= names for form in ("P_rect_0", "P")):
-            return tree, pair
+        if {f"P_rect_0{number}" for number in pair} <= names:
+            return RenamedTree({name: value for name, value in tree.items() if "_rect_" in name[-1]}, pair)
+        if {f"P{number}" for number in pair} <= names:
+            return RenamedTree(tree, pair)
     return None
 
 
+def kalibr(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+    """Read Kalibr's camchain with T_cn_cnm1, the pose of a camera against the camera before."""
+    made = dict(tree)
+    for name in (name for name in tree if name[-1] == "T_cn_cnm1"):
+        _, camera = key_and_camera(name[:-1])
+        if camera.isdigit():
+            made["pose", camera, str(int(camera) - 1)] = tree[name]
+    return RenamedTree(made) if len(made) > len(tree) else None
+
+
+def basalt(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+    """Read Basalt's JSON: lists of intrinsics, sizes, and poses as translation and quaternion."""
+    cameras = {name[2] for name in tree if name[:2] == ("value0", "intrinsics") and name[-1] == "camera_type"}
+    if not cameras:
+        return None
+    made = {name[2:]: value for name, value in tree.items() if name[:2] == ("value0", "intrinsics")}
+    sizes = _array(tree, "value0", "resolution").reshape(-1, 2)
+    made |= {(str(number), "size"): size for number, size in enumerate(sizes)}
+    for camera in cameras:
+        px, py, pz, *quaternion = (_number(tree, "value0", "T_imu_cam", camera, axis) for axis in _BASALT_POSE)
+        length = np.linalg.norm(quaternion)
+        if not length:
+            raise FormatError("has a quaternion of length 0")
+        rotation = rotations_from_quaternions((np.array(quaternion) / length)[None])[0]
+        made["pose", "body", camera] = pose_of(rotation, np.array([px, py, pz]))
+    return RenamedTree(made)
+
+
+def matlab(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+    """Read MATLAB's stereoParameters, by toStruct: matrices are for row vectors, and sizes have the height first."""
+    if ("RotationOfCamera2",) not in tree:
+        return None
+    made: Tree = {
+        ("R",): _square(tree, "RotationOfCamera2").T,
+        ("T",): _array(tree, "TranslationOfCamera2"),
+    }
+    for number in "12":
+        values = f"CameraParameters{number}"
+        k = _square(tree, values, "IntrinsicMatrix" if (values, "IntrinsicMatrix") in tree else "K")
+        radial, tangential = (_array(tree, values, f"{kind}Distortion") for kind in ("Radial", "Tangential"))
+        made[number, "K"] = k if is_camera_matrix(k) else k.T
+        made[number, "D"] = np.concatenate([radial[:2], tangential, radial[2:]])
+        made[number, "image_shape"] = _array(tree, values, "ImageSize")
+    return RenamedTree(made, unit=None)
+
+
 Adapter = Callable[[Tree, ImageSize | None], RenamedTree | None]
-ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti)
+ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti, kalibr, basalt, matlab)
 """Each returns None for other formats. The size is None unless the user gave one or the photographs have one."""
 
 
@@ -130,6 +188,13 @@ def _chosen(sizes: Mapping[str, ImageSize], size: ImageSize | None) -> str:
 def _array(tree: Tree, *name: str) -> Array:
     value = tree.get(name)
     return value.ravel() if isinstance(value, np.ndarray) else np.zeros(0)
+
+
+def _square(tree: Tree, *name: str) -> Array:
+    value = _array(tree, *name)
+    if value.size != 9:
+        raise FormatError(f"{'.'.join(name)}: expected 3 x 3 numbers")
+    return value.reshape(3, 3)
 
 
 def _number(tree: Tree, *name: str, missing: float | None = None) -> float:

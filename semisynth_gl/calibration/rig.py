@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from semisynth_gl.calibration.finder import ArrayPair, StereoArrays, projections
+from semisynth_gl.calibration.aliases import ArrayPair
+from semisynth_gl.calibration.finder import StereoArrays, projections
 from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.calibration.tree import Array
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera, camera_matrix

@@ -1,10 +1,12 @@
-"""From calibration files to a rig: an adapter, or else the names, say which value of a file is which."""
+"""Reads a rig from one or several calibration files."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from semisynth_gl.calibration.adapters import ADAPTERS, Adapter
-from semisynth_gl.calibration.finder import UNITS, StereoArrays, sizes_in
+from semisynth_gl.calibration.aliases import find_arrays, key_and_camera
+from semisynth_gl.calibration.finder import UNITS, StereoArrays, find_stereo_arrays
 from semisynth_gl.calibration.rig import RectifiedRig, make_rig
 from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Name, Tree, joined, listing, read_tree
@@ -18,6 +20,9 @@ _NAMES: Mapping[str, Name] = {
     **{f"{kind}{number}": (eye, kind) for number, eye in enumerate(EYES, 1) for kind in "KDRP"},
     **{name: (name,) for name in ("R", "T", "Q", "size")},
 }
+
+Find = Callable[[Tree, str], StereoArrays | None]
+"""Called as find(tree, source); returns None if the tree describes no rig."""
 
 
 def read_rig(
@@ -51,8 +56,18 @@ def read_rig(
         trees |= {str(path): read_tree(path) for path in paths if str(path) not in trees}
     if unit is not None:
         check_one_of("unit", unit, UNITS)
-    about = unit, size or photographed
-    arrays = _by_keys(trees, calib_keys, *about) if calib_keys else _by_names(trees, cameras, *about)
+    find = partial(_find, cameras=_chosen(cameras), unit=unit, size=size or photographed)
+    if calib_keys:
+        arrays = find(_renamed(_whole(trees), calib_keys), " and ".join(trees), cameras=None, adapters=())
+    else:
+        arrays = _find_in_files(trees, find)
+    if arrays is None:
+        raise ReadError(
+            Path(" and ".join(trees)),
+            "describes no pair of cameras. Expected P of both, or K, D, R and T, or K and a baseline. It has "
+            f"{listing(_whole(trees))}. Add the file that has the rest; or say which value is which, such as "
+            "--calib-keys K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...",
+        )
     stated = arrays.size
     if stated is not None and size not in {None, stated}:
         text = f"{arrays.source} is for images of {stated}, not {size}: do not give a size, or give --scale"
@@ -66,55 +81,44 @@ def read_rig(
     return make_rig(arrays, known, alpha)
 
 
-def _by_names(
-    trees: Mapping[str, Tree], cameras: tuple[str, str] | None, unit: str | None, size: ImageSize | None
-) -> StereoArrays:
+def _chosen(names: tuple[str, str] | None) -> tuple[str, str] | None:
+    """Return the cameras that two names state, as in `Arrays`; raises InputError if they state none."""
+    if names is None:
+        return None
+    left, right = (key_and_camera((name,))[1] for name in names)
+    if "" in {left, right} or left == right:
+        text = f"expected two cameras by number or eye, such as cam1,cam2, got {','.join(names)}"
+        raise InputError(text, argument="cameras")
+    return left, right
+
+
+def _find_in_files(trees: Mapping[str, Tree], find: Find) -> StereoArrays | None:
     """Return the arrays of the one file that describes a rig, or else of all files, joined by name or by number."""
-    rigs = [found for source, tree in trees.items() if (found := _arrays(tree, source, cameras, unit, size))]
+    rigs = [found for source, tree in trees.items() if (found := find(tree, source)) is not None]
     if len(rigs) < len(trees):
-        # Beside other files, a file with one K and a baseline may describe only one camera: do not take it for a rig.
+        # Beside other files, a file with only P or with K and a baseline may describe only one camera.
         rigs = [each for each in rigs if each.d and (each.pose is not None or each.rectification)]
     if len(rigs) > 1:
         text = f"{rigs[0].source} and {rigs[1].source} describe a rig each: give the files of one rig"
         raise InputError(text, argument="calib")
-    if rigs:
-        return rigs[0]
-    source = " and ".join(trees)
-    if len(trees) > 1:
-        by_number = joined([*trees.values()], [str(number) for number in range(1, len(trees) + 1)])
-        for tree in (_whole(trees), by_number):
-            if (found := _arrays(tree, source, cameras, unit, size)) is not None:
-                return found
-    chosen = "" if cameras is None else f" {' and '.join(cameras)}"
-    raise ReadError(
-        Path(source),
-        f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
-        f"{listing(_whole(trees))}. Add the file that has the rest; or say which value is which, such as --calib-keys "
-        "K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...",
-    )
+    if rigs or len(trees) == 1:
+        return rigs[0] if rigs else None
+    source, by_number = " and ".join(trees), joined([*trees.values()], [str(n) for n in range(1, len(trees) + 1)])
+    return find(_whole(trees), source) or find(by_number, source)
 
 
-def _by_keys(
-    trees: Mapping[str, Tree], keys: Mapping[str, str], unit: str | None, size: ImageSize | None
-) -> StereoArrays:
-    """Return the arrays that ``keys`` select; also use the files' strings, and their sizes if no key selects one."""
-    tree, source = _whole(trees), " and ".join(trees)
+def _renamed(tree: Tree, keys: Mapping[str, str]) -> Tree:
+    """Return the values that ``keys`` select, and the tree's strings; also its sizes if no key selects one."""
     values = {".".join(name): value for name, value in tree.items()}
     for key, name in keys.items():
         if key not in _NAMES:
             raise InputError(f"{key}: expected one of {', '.join(_NAMES)}", argument="calib_keys")
         if name not in values:
             raise InputError(f"{key}: no value {name}; there are {listing(tree)}", argument="calib_keys")
-    chosen: Tree = {name: value for name, value in tree.items() if isinstance(value, str)}
+    renamed: Tree = {name: value for name, value in tree.items() if isinstance(value, str)}
     if "size" not in keys:
-        chosen |= {("size", str(number)): value for number, value in enumerate(sizes_in(tree))}
-    chosen |= {_NAMES[key]: values[name] for key, name in keys.items()}
-    arrays = _arrays(chosen, source, None, unit, size, adapters=())
-    if arrays is None:
-        named = listing({(key,): values[name] for key, name in keys.items()})
-        text = f"{source}: no pair of cameras in {named}: give P1 and P2, or K1, D1, K2, D2, R and T"
-        raise InputError(text, argument="calib_keys")
-    return arrays
+        renamed |= {(camera, "size"): size for camera, size in find_arrays(tree).get("size", {}).items()}
+    return renamed | {_NAMES[key]: values[name] for key, name in keys.items()}
 
 
 def _whole(trees: Mapping[str, Tree]) -> Tree:
@@ -127,21 +131,22 @@ def _whole(trees: Mapping[str, Tree]) -> Tree:
     return joined([*trees.values()], names)
 
 
-def _arrays(
+def _find(
     tree: Tree,
     source: str,
+    *,
     cameras: tuple[str, str] | None,
     unit: str | None,
     size: ImageSize | None,
     adapters: Sequence[Adapter] = ADAPTERS,
 ) -> StereoArrays | None:
+    """Return the arrays of a rig in a tree; None if it describes none."""
     try:
-        if known := next((each for adapter in adapters if (each := adapter(tree, size)) is not None), None):
-            if unit is not None:
+        if known := next((found for adapter in adapters if (found := adapter(tree, size)) is not None), None):
+            if unit is not None and known.unit is not None:
                 raise InputError(f"{source} states the unit: do not give one", argument="unit")
-            tree, pair = known
-            cameras, unit = cameras or pair, "m"
-        arrays = StereoArrays(tree, source, cameras, unit, size)
+            tree, cameras, unit = known.tree, cameras or known.cameras, unit or known.unit
+        arrays = find_stereo_arrays(tree, source, cameras, unit, size)
     except FormatError as error:
         raise ReadError(Path(source), str(error)) from None
     return arrays if arrays.is_rig else None

@@ -17,7 +17,6 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from semisynth_gl.codecs import read_bytes
-from semisynth_gl.geometry.rotations import rotations_from_quaternions
 from semisynth_gl.inputs.errors import ReadError, abbreviate
 
 Array = NDArray[np.float64]
@@ -30,11 +29,11 @@ EXTENSIONS = (".txt", ".yaml", ".yml", ".json", ".xml", ".npz", ".npy", ".conf",
 
 # Maximum sizes of files and number of values. ruamel reads about 25 kB of YAML a second; an .npz may also have corners.
 _LARGEST_BYTES, _LARGEST_YAML, _LARGEST_NUMPY, _MOST_VALUES = 1 << 20, 128 << 10, 256 << 20, 200_000
+# Arrays with larger numbers, or with nan, are kept as text: no calibration has them, and squares could overflow.
+_LARGEST = 1e9
 # The name of the only value of a file, and the beginning of names for unnamed numbers.
 _WHOLE: Name = ("values",)
-_UNNAMED = "numbers"
-# Keys of mappings that are a translation, a quaternion or a pose.
-_VECTORS = [tuple(axes.split()) for axes in ("x y z", "qx qy qz qw", "x y z w", "px py pz qx qy qz qw")]
+UNNAMED = "numbers"
 _BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
 # OpenCV's reader needs no space after a colon, YAML does.
 _NO_SPACE = re.compile(r"^([ \t]*(?:- )?[A-Za-z_][\w.-]*):(?=[^\s/])", re.MULTILINE)
@@ -73,13 +72,6 @@ def listing(tree: Mapping[Name, Array | str]) -> str:
     arrays = [(".".join(name), value.shape) for name, value in tree.items() if isinstance(value, np.ndarray)]
     shown = [f"{name} ({' x '.join(map(str, shape)) or 'a number'})" for name, shape in arrays]
     return abbreviate(shown, _LISTED) or "no numbers"
-
-
-def rotation_of_quaternion(quaternion: Array) -> Array:
-    """Return the rotation (3, 3) of a quaternion x y z w of any length; nan for a length of 0."""
-    with np.errstate(all="ignore"):
-        turn: Array = rotations_from_quaternions((quaternion / np.linalg.norm(quaternion))[None])[0]
-    return turn
 
 
 def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
@@ -124,10 +116,7 @@ def _numpy(data: bytes) -> Any:  # noqa: ANN401 - an array, or arrays by name
 def _element(element: ET.Element) -> Any:  # noqa: ANN401 - any nested value
     if not len(element):
         return (element.text or "").strip()
-    values: dict[str, list[Any]] = {}
-    for child in element:
-        values.setdefault(child.tag, []).append(_element(child))
-    return {tag: each[0] if len(each) == 1 else each for tag, each in values.items()}
+    return {child.tag: _element(child) for child in element}
 
 
 def _yaml(text: str) -> dict[str, Any] | None:
@@ -155,14 +144,14 @@ def _yaml(text: str) -> dict[str, Any] | None:
 def _lines(text: str) -> dict[str, Any]:
     """Return the values of text: sections, ``name: value``, ``name = value``, names above numbers, or only numbers.
 
-    Rows of numbers without a name get the name `_UNNAMED`; a row of a different length begins the next array.
+    Rows of numbers without a name get the name `UNNAMED`; a row of a different length begins the next array.
     """
     values: dict[str, Any] = {}
     section, name, rows = values, "", list[str]()
     for line in (each.strip() for each in (*text.splitlines(), "")):
         numbers = _numbers(line) is not None
         if rows and not (numbers and (name or len(rows[-1].split()) == len(line.split()))):
-            section[name or _UNNAMED + "'" * len(values)] = " ".join(rows)
+            section[name or UNNAMED + "'" * len(values)] = " ".join(rows)
             rows.clear()
         if numbers:
             rows.append(line)
@@ -190,10 +179,8 @@ def _nodes(node: Any) -> Iterator[Any]:  # noqa: ANN401 - any nested value
 
 def _leaves(name: Name, node: Any) -> Iterator[tuple[Name, Array | str]]:  # noqa: ANN401 - any nested value
     array = _array(node)
-    if array is not None and array.ndim > 1 and len(array) == 2 and array[0].size > 1:
-        node, array = dict(enumerate(array)), None  # one array for each camera
     if array is not None:
-        yield name or _WHOLE, array
+        yield name or _WHOLE, array if (np.abs(array) <= _LARGEST).all() else str(array)[:100]
     elif isinstance(node, str | bool | np.ndarray):
         yield name or _WHOLE, str(node)[:100]
     elif isinstance(node, Mapping | list | tuple):
@@ -206,25 +193,12 @@ def _array(node: Any) -> Array | None:  # noqa: ANN401 - any nested value
     if isinstance(node, str):
         return _numbers(node)
     if isinstance(node, Mapping):
-        data = _array(node["data"]) if "data" in node else _axes_array(node)  # OpenCV's matrices have data
-        return data if data is None or "data" not in node else data.ravel()
+        return _array(node["data"]) if "data" in node else None  # OpenCV's matrices have data
     if isinstance(node, np.ndarray):
         return node.astype(np.float64) if node.dtype.kind in "iuf" and node.size < _MOST_VALUES else None
     with suppress(TypeError, ValueError, OverflowError):
         return None if isinstance(node, bool) else np.array(node, np.float64)
     return None
-
-
-def _axes_array(node: Mapping[Any, Any]) -> Array | None:
-    """Return the vector (3,), the rotation (3, 3) of a quaternion, or the pose (4, 4) that a mapping of axes states."""
-    axes = next((axes for axes in _VECTORS if node.keys() == {*axes}), ())
-    numbers = _array([node[axis] for axis in axes])
-    if numbers is None or numbers.ndim != 1 or not axes:
-        return None
-    if len(axes) == 3:
-        return numbers
-    turn = rotation_of_quaternion(numbers[-4:])
-    return turn if len(axes) == 4 else np.vstack([np.column_stack([turn, numbers[:3]]), [0, 0, 0, 1]])
 
 
 def _numbers(text: str) -> Array | None:

@@ -91,7 +91,7 @@ FAR |= dict(zip(("R1", "R2", "P1", "P2"), cv2.stereoRectify(*FAR.values(), SIZE,
     ("values", "words"),
     [
         (RAW | FAR, "bends two directions"),
-        (RAW | projections() | {"D1": np.arange(14.0)}, "tilted"),
+        (RAW | projections() | {"D1": np.arange(14.0)}, "got 14"),
         (None, "OpenCV, which cannot be imported"),
     ],
 )
