@@ -1,4 +1,4 @@
-"""Adapters for calibration formats with a structure of their own: each renames values to names that `aliases` knows."""
+"""Adapters: each renames the values of one calibration format to names that `aliases` knows."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -113,7 +113,7 @@ def depthai(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
 
 
 def kitti(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
-    """Read KITTI's rectified colour cameras, or else the grey ones: they show a part of the raw images."""
+    """Read KITTI's rectified colour cameras, or else the grey ones. Rectified images show a part of the raw ones."""
     names = {name[-1] for name in tree}
     for pair in (("2", "3"), ("0", "1")):
         if {f"P_rect_0{number}" for number in pair} <= names:
@@ -124,7 +124,7 @@ def kitti(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
 
 
 def kalibr(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
-    """Read Kalibr's camchain with T_cn_cnm1, the pose of a camera against the camera before."""
+    """Read Kalibr's camchain: T_cn_cnm1 of camera n is the pose from camera n - 1 to camera n."""
     made = dict(tree)
     for name in (name for name in tree if name[-1] == "T_cn_cnm1"):
         _, camera = key_and_camera(name[:-1])
@@ -135,12 +135,12 @@ def kalibr(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
 
 def basalt(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     """Read Basalt's JSON: lists of intrinsics, sizes, and poses as translation and quaternion."""
-    cameras = {name[2] for name in tree if name[:2] == ("value0", "intrinsics") and name[-1] == "camera_type"}
+    cameras = [name[2] for name in tree if name[:2] == ("value0", "intrinsics") and name[-1] == "camera_type"]
     if not cameras:
         return None
     made = {name[2:]: value for name, value in tree.items() if name[:2] == ("value0", "intrinsics")}
-    sizes = _array(tree, "value0", "resolution").reshape(-1, 2)
-    made |= {(str(number), "size"): size for number, size in enumerate(sizes)}
+    sizes = _array(tree, "value0", "resolution")
+    made |= {(str(n), "size"): np.array(size) for n, size in enumerate(zip(sizes[::2], sizes[1::2], strict=False))}
     for camera in cameras:
         px, py, pz, *quaternion = (_number(tree, "value0", "T_imu_cam", camera, axis) for axis in _BASALT_POSE)
         length = np.linalg.norm(quaternion)
@@ -152,20 +152,24 @@ def basalt(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
 
 
 def matlab(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
-    """Read MATLAB's stereoParameters, by toStruct: matrices are for row vectors, and sizes have the height first."""
+    """Read MATLAB's stereoParameters: what toStruct returns, or single fields as in IntrinsicMatrix1.
+
+    Matrices are for row vectors, and sizes have the height first.
+    """
     if ("RotationOfCamera2",) not in tree:
         return None
-    made: Tree = {
-        ("R",): _square(tree, "RotationOfCamera2").T,
-        ("T",): _array(tree, "TranslationOfCamera2"),
-    }
+    made: Tree = {("R",): _square(tree, "RotationOfCamera2").T, ("T",): _array(tree, "TranslationOfCamera2")}
     for number in "12":
-        values = f"CameraParameters{number}"
-        k = _square(tree, values, "IntrinsicMatrix" if (values, "IntrinsicMatrix") in tree else "K")
-        radial, tangential = (_array(tree, values, f"{kind}Distortion") for kind in ("Radial", "Tangential"))
+        own: Tree = {
+            (name[-1].removesuffix(number),): value
+            for name, value in tree.items()
+            if name == ("ImageSize",) or name[0].endswith(number)
+        }
+        k = _square(own, "IntrinsicMatrix" if ("IntrinsicMatrix",) in own else "K")
+        radial, tangential = _array(own, "RadialDistortion"), _array(own, "TangentialDistortion")
         made[number, "K"] = k if is_camera_matrix(k) else k.T
         made[number, "D"] = np.concatenate([radial[:2], tangential, radial[2:]])
-        made[number, "image_shape"] = _array(tree, values, "ImageSize")
+        made[number, "image_shape"] = _array(own, "ImageSize")
     return RenamedTree(made, unit=None)
 
 
@@ -199,7 +203,7 @@ def _square(tree: Tree, *name: str) -> Array:
 
 def _number(tree: Tree, *name: str, missing: float | None = None) -> float:
     value = _array(tree, *name)
-    if value.size == 1 and np.isfinite(value).all():
+    if value.size == 1:
         return float(value[0])
     if missing is not None and not value.size:
         return missing

@@ -1,8 +1,8 @@
-"""Says what each array of a tree is, and of which camera: matrices by their values, other arrays by shape and name.
+"""Finds what each array of a tree is, and of which camera: matrices by their values, other arrays by name and shape.
 
-A name states a camera and a key, its last part without the camera, in small letters without digits:
-``left.K`` states the camera left and the key k, ``distCoeffsR`` right and distcoeffs, ``cam1.intrinsics`` 1 and
-intrinsics, ``R`` no camera and the key r.
+A name has a camera and a key. The key is the last part of the name that is more than a camera, in small letters and
+without digits: ``left.K`` has the camera left and the key k, ``distCoeffsR`` right and distcoeffs, ``cam1.intrinsics``
+1 and intrinsics, and ``R`` has no camera and the key r.
 """
 
 import re
@@ -21,13 +21,13 @@ Cameras are "left", "right", numbers, and "" for arrays whose names state no cam
 
 - K (3, 3), P (3, 4), Q (4, 4), R (3, 3) as in OpenCV, and R_rect for an R whose name says that it rectifies,
 - T (3,), a translation; D (N,), coefficients of a lens in OpenCV's order; size (2,), width and height of images,
-- single numbers (1,): those of `_NUMBERS`.
+- fx, width, k1 and others (1,): the single numbers in `_NUMBERS`.
 """
 
 ArrayPair = tuple[Array, Array]
 """An array of the left eye, and one of the right eye."""
 
-# Keys of arrays whose values do not tell what they are, as regular expressions.
+# Keys of arrays that are known by name, as regular expressions.
 _KEYS = {
     "T": r"t|tvec|trns|trans(lation(vec(tor)?)?)?",
     "R": r"r|om|rvec|rot(ation(vec(tor)?)?)?",  # rotation vectors
@@ -50,7 +50,7 @@ _NUMBERS = {
 _NUMBER_OF = {alias: kind for kind, aliases in _NUMBERS.items() for alias in aliases.split()}
 # Keys of vectors of these numbers.
 _VECTORS = {"intrinsics": ("fx", "fy", "cx", "cy"), "fc": ("fx", "fy"), "cc": ("cx", "cy")}
-# Sections with a width and a height of something else than images.
+# Sections whose width and height are not those of images.
 _OTHER_SIZES = {"roi", "board", "chessboard", "pattern"}
 # Beginnings of the keys of K of undistorted images, such as newcameramtx. Files have it beside K of the camera.
 _UNDISTORTED = "new|opt|rect|undist"
@@ -60,7 +60,7 @@ _PRINTED = 1e-4
 
 
 def find_arrays(tree: Tree) -> Arrays:
-    """Return the arrays of a tree; if arrays of one kind and camera differ, none of them is returned."""
+    """Return the arrays of a tree, without arrays of one kind and camera that differ."""
     candidates: dict[tuple[str, str], list[Array]] = {}
     for name, value in tree.items():
         if isinstance(value, np.ndarray) and not _OTHER_SIZES & {*name}:
@@ -78,13 +78,13 @@ def find_arrays(tree: Tree) -> Arrays:
 
 
 def key_and_camera(name: Name, value: Array | str = "") -> tuple[str, str]:
-    """Return the key of a name and its camera, "" for none; in the name of a single number, the key may have digits.
+    """Return the key and the camera of a name, "" for none. The key of a single number may have digits, such as k1.
 
-    The letters l and r mean an eye at the end of a part, as in ``mtxL``, ``KL`` and ``K_r``. A part that is only R
-    means a rotation, unless a part after it has the key.
+    The letters l and r mean an eye at the end of a part, as in ``mtxL``, ``KL`` and ``K_r``. ``stereo.R`` is a
+    rotation, but the R in ``R.K`` is the right eye.
     """
     key, eye, number = "", "", ""
-    last = re.sub(r"[^a-z0-9]", "", name[-1].lower())
+    last = re.sub(r"[^a-z0-9]", "", "".join(name[-1:]).lower())
     if last in _NUMBER_OF and isinstance(value, np.ndarray) and value.size == 1:
         key, name = last, name[:-1]
     for part in reversed(name):
@@ -103,7 +103,7 @@ def key_and_camera(name: Name, value: Array | str = "") -> tuple[str, str]:
 
 
 def _kinds_of(key: str, values: Array) -> Iterator[tuple[str, Array]]:
-    """Yield the kind of an array (N,) with this key and the array in its shape; nothing for other arrays."""
+    """Yield what an array of N ``values`` is: its kind and the array in the shape of this kind."""
     count = values.size
     numbers = (_NUMBER_OF[key],) if count == 1 and key in _NUMBER_OF else _VECTORS.get(key, ())
     if numbers and len(numbers) == count:
@@ -137,7 +137,7 @@ def _matrix(key: str, values: Array) -> tuple[str, Array] | None:
 
 
 def _made_of_numbers(arrays: Arrays, camera: str) -> Iterator[tuple[str, Array]]:
-    """Yield K, size and D of a camera that single numbers state."""
+    """Yield K, size and D that are made of a camera's single numbers; K also of numbers without a camera."""
     own = {kind: float(arrays[kind][camera][0]) for kind in _NUMBERS if camera in arrays.get(kind, {})}
     shared = {kind: float(arrays[kind][""][0]) for kind in _NUMBERS if "" in arrays.get(kind, {})}
     pinhole = shared | own

@@ -31,7 +31,7 @@ _LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
 _LARGEST_SIDE_PX = 99_999
 # Relative tolerance of equal baselines.
 _SAME_BASELINE = 0.02
-# Poses by key, as target frame and source frame; the camera is the one that the whole name states.
+# Keys of poses, with target frame and source frame; "camera" is the camera of the pose's name.
 _POSES = {
     "tcamimu": ("camera", "body"),  # Kalibr
     "timucam": ("body", "camera"),  # OpenVINS, Basalt
@@ -44,7 +44,7 @@ _POSES = {
 _LONGEST_CHAIN = 9
 
 Frames = tuple[str, str]
-"""Target frame and source frame of a pose: cameras, or a frame that both cameras' poses have."""
+"""Target frame and source frame of a pose, such as ("0", "body")."""
 Cameras = tuple[str, str] | None
 """The left and the right camera as in `Arrays`; None for left and right, or the two numbers that a tree has."""
 
@@ -124,7 +124,10 @@ def find_stereo_arrays(
 
 
 def _pair(arrays: Arrays, kind: str, cameras: Cameras) -> ArrayPair | None:
-    """Return the left and the right array of a kind; None if one is missing. Raises FormatError for three cameras."""
+    """Return the left and the right array of a kind; None if one is missing.
+
+    Raises FormatError if more than two cameras have one, and ``cameras`` are not given.
+    """
     of_kind = arrays.get(kind, {})
     if cameras is None and not {"left", "right"} <= of_kind.keys():
         numbers = sorted((camera for camera in of_kind if camera.isdigit()), key=int)
@@ -227,7 +230,7 @@ def _projections_of_right(arrays: Arrays, cameras: Cameras) -> ArrayPair | None:
 def _projections_of_rectified(
     arrays: Arrays, k: ArrayPair | None, rectification: ArrayPair | None, notes: list[str]
 ) -> tuple[ArrayPair | None, ArrayPair | None]:
-    """Return P from K and a baseline, or from Q; and K of raw images, None if the given ``k`` is of rectified ones."""
+    """Return P from K and a baseline, or from Q, and K of raw images, None if ``k`` is K of rectified images."""
     matrices = arrays.get("K", {})
     single = matrices.get("", next(iter(matrices.values())) if len(matrices) == 1 else None)
     # Stella stores K of both raw cameras, the rotations that rectify them, and a K of the rectified ones.
@@ -249,7 +252,7 @@ def _projections_of_rectified(
 
 
 def _baseline(arrays: Arrays, focal_px: float) -> float | None:
-    """Return the baseline, or the product of focal length and baseline divided by ``focal_px``; None if unknown."""
+    """Return the baseline: stated, or a stated product of focal length and baseline divided by ``focal_px``."""
     for kind, divisor in (("baseline", 1.0), ("focal_baseline", focal_px)):
         for number in arrays.get(kind, {}).values():
             return abs(float(number[0])) / divisor

@@ -1,4 +1,4 @@
-"""Reads calibration files of any format as trees: each number and word by its name."""
+"""Reads calibration files as trees: arrays and texts by name, whatever the format."""
 
 import ast
 import io
@@ -31,7 +31,7 @@ EXTENSIONS = (".txt", ".yaml", ".yml", ".json", ".xml", ".npz", ".npy", ".conf",
 _LARGEST_BYTES, _LARGEST_YAML, _LARGEST_NUMPY, _MOST_VALUES = 1 << 20, 128 << 10, 256 << 20, 200_000
 # Arrays with larger numbers, or with nan, are kept as text: no calibration has them, and squares could overflow.
 _LARGEST = 1e9
-# The name of the only value of a file, and the beginning of names for unnamed numbers.
+# Names of values that a file does not name: of a file's only value, and of rows of numbers in a text.
 _WHOLE: Name = ("values",)
 UNNAMED = "numbers"
 _BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))

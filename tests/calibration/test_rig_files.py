@@ -165,6 +165,20 @@ def vector_of(turn):
     return cv2.Rodrigues(turn)[0].ravel().tolist()
 
 
+def matlab(k, d):
+    radial = [d[0], d[1], d[4]]
+    return {"IntrinsicMatrix": k.T, "RadialDistortion": radial, "TangentialDistortion": d[2:4], "ImageSize": SIZE[::-1]}
+
+
+def drivingstereo():
+    values = {}
+    for n, number, turn, shift in (("1", 101, np.eye(3), np.zeros(3)), ("2", 103, R, T)):
+        raw = {"S": SIZE, "K": ALL["K" + n], "D": ALL["D" + n], "R": turn, "T": shift}
+        rectified = {"S_rect": SIZE, "R_rect": ALL["R" + n], "P_rect": ALL["P" + n]}
+        values |= {f"{key}_{number}": " ".join(map(str, np.ravel(each))) for key, each in (raw | rectified).items()}
+    return lines(values)
+
+
 def mrcal(k, d, turn, shift, pose="extrinsics"):
     values = {"lensmodel": "LENSMODEL_OPENCV5", "intrinsics": [*vector(k), *d.tolist()], "imagersize": [*SIZE]}
     return "# a model\n" + repr(values | {pose: [*vector_of(turn), *map(float, shift)], "blob": b"{[#"})
@@ -279,11 +293,11 @@ WITH_FIVE = {
         "intrinsics": {"left": scalars(K1, D1), "right": scalars(K2, D2)}, "image_shape": [SIZE[1], SIZE[0], 3],
         "extrinsics": {"rotation": vector_of(R), "translation": T}},
     "matlab": {
-        **{f"CameraParameters{n}": {
-            "IntrinsicMatrix": k.T, "RadialDistortion": [d[0], d[1], d[4]], "TangentialDistortion": d[2:4],
-            "ImageSize": SIZE[::-1]}
-           for n, k, d in ((1, K1, D1), (2, K2, D2))},
+        "CameraParameters1": matlab(K1, D1), "CameraParameters2": matlab(K2, D2),
         "RotationOfCamera2": R.T, "TranslationOfCamera2": T * 1000},
+    "matlab's fields": {
+        **{f"{name}{n}": value for n, k, d in ((1, K1, D1), (2, K2, D2)) for name, value in matlab(k, d).items()},
+        "ImageSize": SIZE[::-1], "RotationOfCamera2": R.T, "TranslationOfCamera2": T * 1000},
     "bouguet": eyes(lambda eye, k, d: {f"fc_{eye}": [k[0, 0], k[1, 1]], f"cc_{eye}": k[:2, 2], f"kc_{eye}": d})
                 | {"om": vector_of(R), "R": R, "T": T * 1000, "nx": SIZE[0], "ny": SIZE[1]},
     "orb slam": {"EuRoC.yaml": orb_slam()},
@@ -302,6 +316,7 @@ WITH_FIVE = {
     **{f"mrcal {name}": {
         "left.cameramodel": mrcal(K1, D1, np.eye(3), [0] * 3, name), "right.cameramodel": mrcal(K2, D2, R, T, name)}
        for name in ("extrinsics", "rt_cam_ref")},
+    "drivingstereo": {"2018-10-10.txt": "calib_time: 10-Nov-2018 10:00:00\n" + drivingstereo()},
     "basalt": basalt(),
     **{f"depthai {link}": depthai(link) for link in [*LINKS][1:]},
 }  # fmt: skip
