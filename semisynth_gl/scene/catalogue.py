@@ -72,7 +72,7 @@ FACE, GROUND, CURVED_PANEL = _face(), _ground(), _curved_panel()
 DOORWAYS: Final = tuple(_pierced_face(hole, "wall with a doorway") for hole in DOORWAY_HOLES)
 NICHES: Final = tuple(_pierced_face(hole, "wall with a niche") for hole in NICHE_HOLES)
 SURFACE_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
-"""The first models of each scene, in this order."""
+"""The first models that `Scene.model` indexes, in this order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

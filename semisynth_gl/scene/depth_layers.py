@@ -55,10 +55,10 @@ _SAMPLES = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthLayers:
-    """K depth layers: ranges of disparity in which the middles of particles' paths lie."""
+    """K depth layers: ranges of the disparity of the middle of a particle's path."""
 
-    low_px: Floats  # (K,) lowest disparity of a particle's middle
-    high_px: Floats  # (K,) highest disparity of a particle's middle; equal to `low_px` in a layer without room
+    low_px: Floats  # (K,) lowest disparity
+    high_px: Floats  # (K,) highest disparity; equal to `low_px` in a layer that can hold no particles
 
     def __len__(self) -> int:
         return len(self.low_px)
@@ -85,7 +85,7 @@ class DepthLayers:
             rig: the cameras, without sway.
             drift: horizontal speed, in units of the speed downwards.
             sizes: the particles' diameters.
-            heights: the models' mean relief h, in radii, see `MeanModelRelief`.
+            heights: `MeanModelRelief.heights`, quantiles of h.
         """
         camera, where = rig.camera, _unit_points()
         disparity = self.low_px[:, None] + (self.high_px - self.low_px)[:, None] * where[:, 0]
@@ -138,7 +138,7 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
         has_room: (K,) whether the layer can hold particles.
 
     Returns:
-        (..., K) coverages, from ``least`` to 4; 0 in layers without room.
+        (..., K) coverages, from ``least`` to 4; 0 in layers that can hold no particles.
     """
     wanted = np.maximum(np.cumsum(shares)[:-1], _LEAST_BELOW)
     usable = bare > 0

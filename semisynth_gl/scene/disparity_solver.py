@@ -63,9 +63,9 @@ _ENLARGEMENTS = 12
 _HALVINGS = 10
 # The roots of primes are linearly independent over the rationals. There are 50 primes, for at most 48 layers.
 _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))], np.float64)
-# Each correction keeps at least this share of an aim's share in a bin, so that no bin's share falls to 0 or below.
+# Minimum factor by which a correction multiplies the aim's share in a bin, so that no share falls to 0 or below.
 _LEAST_OF_AIM = 0.1
-# Minimum coverage of the layer with the background's median disparity, so that no background is without particles.
+# Minimum coverage of the layer with the background's median disparity, so that each background has particles near it.
 _POPULATED = 0.5
 
 

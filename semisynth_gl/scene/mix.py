@@ -1,4 +1,4 @@
-"""Samples the scenes of a dataset with several recipes. Each sequence has one recipe."""
+"""Samples the scenes of a dataset with one or more recipes. Each sequence has one recipe."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

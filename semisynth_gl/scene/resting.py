@@ -1,4 +1,4 @@
-"""Finds the surfaces on which things stand, and lays resting particles on surfaces."""
+"""Finds the surface below a point, and lowers resting particles onto surfaces."""
 
 from collections.abc import Sequence
 

@@ -1,6 +1,6 @@
 """The rig of one sequence: its stereo cameras, their near plane and their sway.
 
-The sway is a bounded function of time. So any frame can be rendered first, and walls can stay out of the camera's way.
+The sway is a bounded function of time. So frames can be rendered in any order, and walls can be kept out of its reach.
 """
 
 from collections.abc import Callable
@@ -114,7 +114,10 @@ class SequenceRig:
         """Return a rig whose near plane and maximum relief follow from a range of disparities; see `near_depth_m`."""
         rig = cls(views, sway=sway)
         near_m = near_depth_m(rig.camera, section)
-        return replace(rig, near_m=near_m, relief_px=_relief_px(rig.camera, section.min_px, near_m))
+        # Depth of the range, in units of ``near_m``. From 1 on, the relief has no limit.
+        extent = max(float(rig.camera.depth_m(section.min_px)) / near_m - 1, 0.0)
+        relief_px = _RELIEF * rig.camera.focal_px * extent / (1 - extent) if extent < 1 else np.inf
+        return replace(rig, near_m=near_m, relief_px=relief_px)
 
     @property
     def clear_m(self) -> float:
@@ -162,13 +165,6 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
             )
         plane_m = float(camera.depth_m(section.max_px - deviation_px))
     return max(depth_m, plane_m)
-
-
-def _relief_px(camera: StereoCamera, min_px: float, near_m: float) -> float:
-    """Return `SequenceRig.relief_px`; inf if the depth of ``min_px`` is at least 2 ``near_m``."""
-    # Depth of the range of disparities, in units of ``near_m``.
-    extent = max(float(camera.depth_m(min_px)) / near_m - 1, 0.0)
-    return _RELIEF * camera.focal_px * extent / (1 - extent) if extent < 1 else np.inf
 
 
 def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:

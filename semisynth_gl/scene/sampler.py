@@ -74,7 +74,7 @@ class SceneSampler:
 
 
 class SceneSequence:
-    """What the frames of one sequence share; any frame can be sampled first.
+    """The part of the scenes of one sequence that all its frames share; frames can be sampled in any order.
 
     ``attempt`` is the number of failed attempts at this sequence so far.
     """

@@ -22,7 +22,7 @@ class Projector:
     """A projector of a pattern. Its pixels are square, and its axis goes through the pattern's middle.
 
     A surface's colour is multiplied by  ambient + power * pattern * cos(incidence) / (distance in metres)^2.  The
-    second term is 0 where the projector does not reach the surface.
+    second term is 0 where the projector's light does not reach the surface.
 
     Attributes:
         projector_from_camera: (4, 4) float64, rigid, from the left camera's frame; x right, y down, z forward in both.
@@ -74,8 +74,8 @@ class Scene:
         layer: (N,) int64, indices into the patch atlas; large patches follow the others.
         uv_scale: (N, 2) float64, patches per unit of the model's UV.
         uv_offset: (N, 2) float64, patches; patch coordinate = uv * uv_scale + uv_offset.
-        sky: (N,) bool, whether each instance is infinitely far away; by default none is. It is behind all other
-            instances. Wherever a camera is, it sees points of the sky in their directions from the world's origin.
+        sky: (N,) bool, whether each instance is infinitely far away; by default none is. Such an instance is behind all
+            others. A camera anywhere sees the points of the sky in their directions from the world's origin.
         projector: the projector that lights the scene; with None, colours are those of the patches.
 
     Raises:

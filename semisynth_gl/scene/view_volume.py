@@ -37,7 +37,7 @@ def corner_rays(camera: StereoCamera, eyes: Sequence[Eye] = EYES) -> Floats:
 
 
 def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
-    """Return the smallest distances of walls at which both cameras are inside and all pixels are beyond the near plane.
+    """Return the smallest distances of walls that have both cameras inside and appear only beyond the near plane.
 
     Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray). Since
     normal . ray is linear over the image, its largest value is at a corner. A sway moves the eyes by at most its reach,
@@ -150,7 +150,7 @@ def vertical_extent(rig: SequenceRig) -> VerticalExtent:
     angles = np.arctan2(rays[:, 1], rays[:, 2])
     low, high = float(angles.min()), float(angles.max())
     if sway.angle_rad > 0:
-        # The upper and the lower side of the view turn outwards as in `_inwards`, up to the widest angle.
+        # Tilt the upper and the lower side of the view outwards as `_inwards` does, up to `WIDEST_RAD`.
         least_cosine = float((rays[:, 2] / np.linalg.norm(rays, axis=1)).min())
         turns = [np.arcsin(min(np.sin(sway.angle_rad) * np.cos(end) / least_cosine, 1.0)) for end in (low, high)]
         low, high = np.clip((low - turns[0], high + turns[1]), -WIDEST_RAD, WIDEST_RAD).tolist()
