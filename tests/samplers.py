@@ -1,4 +1,4 @@
-"""Samplers of scenes, with the models of a config and with patches that nothing is cut for."""
+"""Samplers of scenes, with the models of a config and with patches without pixels."""
 
 from functools import cache
 
@@ -15,7 +15,7 @@ from semisynth_gl.textures.atlas import Patch
 
 
 def patches(count: int = 5, frames: int = 1) -> tuple[Patch, ...]:
-    """Patches of photographs of their own, or of image sequences."""
+    """Patches of different photographs, or of image sequences."""
     return tuple(Patch(f"{i}.png", 0, 0, 256, i * frames, frames, 9.0) for i in range(count))
 
 

@@ -22,7 +22,7 @@ from semisynth_gl.geometry.relief import sample_scales
 from semisynth_gl.geometry.rotations import rotations_about, rotations_from_quaternions
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.rig import SequenceRig
-from semisynth_gl.scene.view_volume import VerticalExtent, clear_depth_m, vertical_extent
+from semisynth_gl.scene.view_volume import VerticalExtent, least_sphere_depth_m, vertical_extent
 
 _QUANTILES = (np.arange(64) + 0.5) / 64
 
@@ -180,7 +180,7 @@ def sample_slots(
     # Upper limit of a model's distance from the optical axis.
     aside = np.hypot(width * depth / camera.focal_px, path) * (1 + section.drift.high)
     flatness = np.minimum(rig.relief_px / radius, 1.0)
-    nearer = depth - clear_depth_m(rig, radius_m * flatness, aside)
+    nearer = depth - least_sphere_depth_m(rig, radius_m * flatness, aside)
     # In a narrow range of disparities, the drift in depth has the same limit as a model's relief.
     nearer = np.minimum(nearer, rig.relief_px * depth / camera.focal_px)
     return ParticleSlots(depth, disparity, radius, flatness, path / speed, phase, path, nearer, extent)

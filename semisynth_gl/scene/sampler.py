@@ -19,7 +19,7 @@ from semisynth_gl.scene.projector import sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.scene.static_scene import sample_static_scene
-from semisynth_gl.scene.view_volume import clear_depth_m
+from semisynth_gl.scene.view_volume import least_sphere_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -158,8 +158,8 @@ class SceneSequence:
             slot = int(chosen[number])
             x, y, z = pose[:3, 3]
             row = camera.cy_px + camera.focal_y_px * y / z
-            clear_m = clear_depth_m(static.rig, radius_m[slot] * slots.flatness[slot], np.hypot(x, y))
-            if z > clear_m and -0.5 < row < camera.height_px - 0.5:
+            least_m = least_sphere_depth_m(static.rig, radius_m[slot] * slots.flatness[slot], np.hypot(x, y))
+            if z > least_m and -0.5 < row < camera.height_px - 0.5:
                 resting[slot] = pose
         return resting
 

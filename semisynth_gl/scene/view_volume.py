@@ -48,7 +48,7 @@ def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
     """
     camera, angle_rad, smallest = rig.camera, rig.sway.angle_rad, np.zeros(len(normal))
     for eye in EYES:
-        shift = normal[:, 0] * camera.offset_m(eye) + _reach_m(rig, eye)
+        shift = normal[:, 0] * camera.offset_m(eye) + _eye_reach_m(rig, eye)
         inside = shift + _CLEARANCE * rig.near_m
         rays = corner_rays(camera, [eye])
         towards = rays @ normal.T
@@ -72,7 +72,7 @@ def deepest_m(rig: SequenceRig, faces: Floats) -> float:
     for eye, rays in views:
         inwards = _inwards(rays, sway.angle_rad)
         # A point p is in the view if normal . p >= least for each of the view's sides.
-        least = inwards[:, 0] * camera.offset_m(eye) - _reach_m(rig, eye)
+        least = inwards[:, 0] * camera.offset_m(eye) - _eye_reach_m(rig, eye)
         for face in faces:
             part = face
             for normal, offset in zip(inwards, least, strict=True):
@@ -125,7 +125,7 @@ def _box_faces(normal: Floats, offset_m: Floats) -> Floats:
     return np.array(faces)
 
 
-def clear_depth_m(rig: SequenceRig, radius_m: Floats | float, aside_m: Floats | float) -> Floats:
+def least_sphere_depth_m(rig: SequenceRig, radius_m: Floats | float, aside_m: Floats | float) -> Floats:
     """Return the smallest depth of a sphere's centre at which the sphere stays beyond the near plane at any moment.
 
     ``aside_m`` is the centre's largest distance from the optical axis of the camera without its sway. If the camera
@@ -155,10 +155,10 @@ def vertical_extent(rig: SequenceRig) -> VerticalExtent:
         turns = [np.arcsin(min(np.sin(sway.angle_rad) * np.cos(end) / least_cosine, 1.0)) for end in (low, high)]
         low, high = np.clip((low - turns[0], high + turns[1]), -WIDEST_RAD, WIDEST_RAD).tolist()
     top, bottom = float(np.tan(low)), float(np.tan(high))
-    return VerticalExtent(top, bottom, ((1 + top**2) ** 0.5, (1 + bottom**2) ** 0.5), _reach_m(rig, "right"))
+    return VerticalExtent(top, bottom, ((1 + top**2) ** 0.5, (1 + bottom**2) ** 0.5), _eye_reach_m(rig, "right"))
 
 
-def _reach_m(rig: SequenceRig, eye: Eye) -> float:
+def _eye_reach_m(rig: SequenceRig, eye: Eye) -> float:
     """Return the largest distance by which the sway moves one eye."""
     aside = abs(rig.camera.offset_m(eye)) * 2 * np.sin(min(rig.sway.angle_rad, np.pi) / 2)
     return float(rig.sway.reach_m + aside)

@@ -1,4 +1,4 @@
-"""What the views of a scene show at the most: no pixel without a disparity, and no room beyond its range."""
+"""The deepest points of views: every pixel has a disparity, and rooms keep to their range."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.view_volume import deepest_m
 
 KINDS = ("cuboid", "plane", "room", "street")
-# Every wall is pierced: openings show most.
+# Every wall has a hole: through holes, views see deepest.
 PIERCED = (
     "room.doorway=0.6",
     "room.niche=0.4",
@@ -27,7 +27,7 @@ PIERCED = (
 )
 
 
-# Both views see x / z from -0.5 to 0.5; the right one from 0.1 m farther right.
+# Both views show x / z from -0.5 to 0.5; the right eye is 0.1 m farther right.
 RIG = StereoCamera.centred(200, 100, focal_px=200, baseline_m=0.1)
 
 
@@ -62,7 +62,7 @@ def seen_px(static, camera, time_s=0.0):
 
 @st.composite
 def rigs(draw):
-    """Sizes, lenses, ranges, principal points that differ; some sway, as far as their range leaves room for it."""
+    """Options of many rigs; some sway, as far as their range of disparities allows."""
     width, height, sways = draw(st.integers(60, 400)), draw(st.integers(60, 300)), draw(st.booleans())
     least, doffs = draw(st.floats(0.5, 20)), width * draw(st.floats(0, 0.05 if sways else 0.4))
     most = least * draw(st.floats(2.5, 40)) + (2 * doffs if sways else 0)
@@ -94,10 +94,10 @@ def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, se
             px = seen_px(static, camera, time_s)
             assert np.isfinite(px).all()
             assert px.min() > 0
-            # A near plane cuts off houses that a swaying camera comes too near to.
+            # The near plane clips houses that a swaying camera comes too near to.
             assert px.max() <= config.disparity.max_px or (kind == "street" and len(times) > 1)
             if kind == "room":
-                # A large doffs may leave less between the range's two ends than walls keep from the near plane.
+                # With a large doffs, the smallest depth of walls may be beyond the depth of min_px.
                 farthest_m = max(static.rig.camera.depth_m(config.disparity.min_px), BEYOND_NEAR * static.rig.near_m)
                 assert px.min() >= camera.disparity_px(farthest_m) - 1e-6
 
@@ -114,7 +114,7 @@ def test_a_camera_that_sways_far_sees_no_end(kind):
 
 
 def test_a_pair_that_is_too_deep_is_sampled_again_and_refused_at_last():
-    # Where the longer baseline has 13 px left, the shorter one has none.
+    # Where the longer baseline has a disparity of 13 px, the shorter one has none.
     keys = (
         "camera={width_px: 96, height_px: 64, focal_px: 90, baseline_m: null, baselines: [0.3, 0.4]}",
         "camera={doffs_px: null, cx_left_px: 20, cx_right_px: 60}",

@@ -1,4 +1,4 @@
-"""The wanted distribution of disparity: histograms, forms, the Boolean model, and what scenes come to."""
+"""The wanted distribution of disparity: histograms, forms, the Boolean model, and the distribution of scenes."""
 
 import math
 from dataclasses import replace
@@ -179,11 +179,11 @@ def test_expected_cover_grows_towards_the_sides_of_a_wide_view(fy_over_fx):
     inside = np.linalg.norm(along[..., None] * rays - centre, axis=-1) < radius_m
     area = inside.sum(axis=1).mean() * 0.25**2
     assert area > 1.1 * np.pi * radius_px**2 * fy_over_fx
-    # They may be anywhere in both views and just beside them.
+    # Their centres may be anywhere in both views and just beside them.
     width_px, height_px = 600 + 80 + 2 * radius_px, 400 + 2 * radius_px * fy_over_fx
     sizes, disparity = ParticleSizes(2 * radius_px, 2 * radius_px), np.array([80.0, -80.0])
     np.testing.assert_allclose(expected_cover(camera, sizes, disparity, 1.0) * width_px * height_px, area, rtol=0.02)
-    # Sizes are even in their logarithm. In a view so long that nothing is stretched, cover is the mean of theirs.
+    # Sizes are log-uniform. At a long focal length nothing is stretched, so the cover is the mean over the sizes.
     long, between = replace(camera, focal_px=70_000.0), 40 * 5 ** ((np.arange(500) + 0.5) / 500)
     single = [expected_cover(long, ParticleSizes(size, size), disparity, 1.0) for size in between]
     np.testing.assert_allclose(
@@ -206,7 +206,7 @@ def test_particles_show_their_fronts():
     found = layers.exceedance(edges, SequenceRig((CAMERA,), 0.1, relief_px=70.0), still, sizes, heights)[0]
     shown = 80 / (1 - height * 70 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
-    # The depth of 80 px less a radius lies beyond no near plane of 1.6 m.
+    # The balls' fronts, at 1.4 m, are nearer than a near plane at 1.6 m.
     assert layers.exceedance(edges, SequenceRig((CAMERA,), 1.6), still, sizes, heights)[0].tolist() == [0, 0, 0]
 
 
@@ -246,7 +246,7 @@ def test_clutter_is_counted_in_what_the_target_asks_for():
     ids=["kitti", "uniform", "two-humps"],
 )
 def test_rendered_histograms_follow_their_targets(name, sections):
-    """Over 200 pairs the figures are a third of these: benchmarks/results/targets.json."""
+    """Over 200 pairs, the distances are a third of these limits: benchmarks/results/targets.json."""
     config = tiny(name, **sections).model_copy(update={"truth": "left", "outputs": ()})
     wanted = config.wanted_histogram()
     counts, medians = 0, []

@@ -1,4 +1,4 @@
-"""Rooms and streets: closed to all sides, nothing too near, things upright on what they stand on."""
+"""Rooms and streets: no gaps, nothing too near, and things stand upright on something."""
 
 from collections import Counter
 from dataclasses import replace
@@ -40,7 +40,7 @@ def furnished(rig, kind, *overrides):
 
 
 def arranged(kind, seed, rig=None, **keys):
-    """The things of a scene, of a section with other values of some keys."""
+    """Sample a room or a street, with other values of some keys of its section."""
     rig = rig or KINDS[kind]
     config = furnished(rig, kind).model_copy(update={kind: SECTIONS[kind].model_validate(keys)})
     sample = sample_room if kind == "room" else sample_street
@@ -62,7 +62,7 @@ def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig, kind):
     for seed in range(2):
         static = static_scene_of(config, seed)
         camera, near_m = static.rig.camera, static.rig.near_m
-        # Nothing is cut off: the near plane of this scene is far before that of the dataset.
+        # The near plane of this scene is much nearer than the dataset's, so it clips nothing.
         scene = to_scene(static.instances, camera, 0.01 * near_m)
         for eye in EYES:
             depth_m = cast_rays(scene, catalogue().models, eye, *bordering(camera, 23, 17)).depth_m
@@ -70,7 +70,7 @@ def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig, kind):
 
 
 def first_hit(triangles, origin, direction):
-    """Distance at which a ray meets the first of triangles (T, 3, 3), in lengths of its direction."""
+    """Distance at which a ray hits the first of triangles (T, 3, 3), in lengths of the ray's direction."""
     corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(first, second)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -153,7 +153,7 @@ def height(things):
     return float(-things.camera_from_floor[:3, 2] @ things.camera_from_floor[:3, 3])
 
 
-# Two values of a key, what grows from the one to the other, and other keys that this takes.
+# For each key: two values, a measure that grows from the first to the second, and other keys to set.
 EFFECTS = {
     "room": {
         "camera_height_m": (0.9, 1.7, height, {}),
@@ -213,7 +213,7 @@ def test_the_left_view_cuts_triangles_at_the_near_plane(fy_over_fx):
     hits = cast_rays(scene, triangles, "left", *grid_px(camera))
     np.testing.assert_array_equal(seen.instance, hits.instance)
     np.testing.assert_allclose(seen.depth_m, hits.depth_m, rtol=1e-9)
-    # UV is x and y of the corners: what is cut keeps the UV of its places.
+    # UV is x and y of the corners, and stays so after clipping.
     points = camera.rays("left", *grid_px(camera)) * seen.depth_m[:, None]
     hit = seen.instance >= 0
     np.testing.assert_allclose(seen.uv[hit], points[hit, :2], atol=1e-6)
@@ -250,7 +250,7 @@ def test_what_hangs_on_a_wall_meets_neither_its_hole_nor_its_ends_nor_each_other
             for mesh, pose in placed:
                 points = np.c_[mesh.positions, np.ones(len(mesh.positions))] @ (np.linalg.inv(wall_pose) @ pose).T
                 low, high = points[:, :3].min(axis=0), points[:, :3].max(axis=0)
-                # Of a picture its front: not its sides, nor those of a picture on the next wall.
+                # Only the fronts of pictures: not their sides, and not the sides of pictures on the next wall.
                 is_front = mesh is FACE and high[2] - low[2] < 1e-9 and (high - low)[0] > 0.02
                 beside = low[0] > 1 - 1e-3 or high[0] < 1e-3  # a niche behind the next wall
                 if low[2] > -0.1 and high[2] < -1e-6 and (mesh.name in _HANGING or is_front) and not beside:

@@ -31,9 +31,9 @@ def rigs(draw):
     return replace(rig, sway=sway) if draw(st.booleans()) else rig
 
 
-def slots_of(rig, section, *ranges, count=COUNT, seed=2):
-    """The slots of a number of particles in each range of disparity, and a release for each generation."""
-    batches = [ParticleBatch(Range(*ends), count, stated_sizes(section)) for ends in ranges]
+def slots_of(rig, section, *ranges, seed=2):
+    """The slots of `COUNT` particles in each range of disparity, and a function that starts a generation."""
+    batches = [ParticleBatch(Range(*ends), COUNT, stated_sizes(section)) for ends in ranges]
     slots = sample_slots(rig, section, batches, np.random.default_rng(seed))
     return slots, lambda number: sample_start(rig.camera, section, slots, np.random.default_rng([3, number]))
 

@@ -1,4 +1,4 @@
-"""Recipes of scenes: which sequence takes which, what their scenes are, and the datasets that are made of several."""
+"""Recipes: the sequences that have them, their scenes, and datasets of several recipes."""
 
 import json
 import pickle
@@ -73,7 +73,7 @@ def test_successive_sequences_have_each_recipe_as_often_as_its_share_says(weight
     drawn = recipe_numbers(first + np.arange(500), given_shares.tolist(), seed)
     so_far = np.arange(1, 501)
     for recipe, share in enumerate(given_shares):
-        # Independent draws would be off by more than 20 now and then.
+        # Independent samples would sometimes be off by more than 20.
         assert np.abs(np.cumsum(drawn == recipe) - share * so_far).max() < 4.5
 
 
@@ -89,7 +89,7 @@ def test_a_preview_shows_each_recipe_and_says_what_it_is(program, tmp_path):
     assert shown == sampler_of(mixed(small()), seed=0).overview(4)
 
 
-# What recipes make of a config
+# Configs with recipes
 
 
 BASE = (
@@ -163,7 +163,7 @@ def test_scenes_of_stated_recipes_are_those_of_the_recipes_alone():
         assert (sampled.scene.camera, sampled.scene.near_m) == (expected.scene.camera, expected.scene.near_m)
         for name in ("camera_from_world", "world_from_model", "layer", "uv_scale", "uv_offset"):
             np.testing.assert_array_equal(getattr(sampled.scene, name), getattr(expected.scene, name), err_msg=name)
-        # Models have other numbers: those of a mix count the models of all recipes.
+        # A mix numbers the models of all its recipes.
         for number, same in zip(sampled.scene.model, expected.scene.model, strict=True):
             assert mix.models[number].name == alone[sampled.recipe].models[same].name
             np.testing.assert_array_equal(mix.models[number].positions, alone[sampled.recipe].models[same].positions)
@@ -189,7 +189,7 @@ def test_a_dataset_has_one_library():
 
 
 def test_a_dataset_of_several_recipes_comes_to_its_target():
-    """Stated layers far away, and a target of its own nearby; the third recipe makes up for both."""
+    """One recipe states far layers, and one has a near target; the third recipe is solved for the rest."""
     far = {"particles": {"layers": [{"disparity_px": [2, 5], "count": [20, 30]}]}}
     near = {"disparity": {"target": {"form": "gamma", "mean_px": 9, "spread_px": 2}}}
     recipes = [{"recipe": "far", **far}, {"recipe": "near", **near}, {"recipe": "rest", "weight": 3}]
@@ -216,7 +216,7 @@ def test_faults_of_a_recipes_scenes_name_it():
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    """Moving scenes of all recipes, with all that depends on how they are rebuilt."""
+    """Moving scenes of all recipes, with all outputs that are checked in rebuilt scenes."""
     values = small().model_dump(mode="json") | {"outputs": FLOW}
     values["camera"] |= {"sway_m": [0.005, 0.02]}
     out = tmp_path_factory.mktemp("mix") / "d"

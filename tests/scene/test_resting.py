@@ -1,4 +1,4 @@
-"""Particles at rest: they touch what is below them, and stay, whatever frame is sampled first."""
+"""Particles at rest: they touch the surface below them and stay there, whatever frame is sampled first."""
 
 from functools import cache
 
@@ -85,11 +85,11 @@ def test_particles_at_rest_stay_whatever_frame_is_sampled_first():
         motion = again.motion(+1)
         at_rest = again.instances["resting"]
         assert at_rest.sum() > 3
-        # At rest in the world, whose camera sways; what falls does not stay.
+        # Resting particles stay in the world while the camera sways; falling particles move.
         np.testing.assert_array_equal(motion.world_from_model[at_rest], again.scene.world_from_model[at_rest])
         falling = ~at_rest & (again.instances["slot"] >= 0)
         assert (motion.world_from_model[falling] != again.scene.world_from_model[falling]).any(axis=(1, 2)).all()
-    # The same models, also where those that fall have made room for others.
+    # Resting slots keep their models, even when some falling slots show the next generation.
     first, last = (
         dict(zip(each.instances["slot"], each.scene.model, strict=True)) for each in (forwards[0], forwards[2])
     )

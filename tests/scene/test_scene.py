@@ -1,4 +1,4 @@
-"""Scenes: what is promised of cameras, backgrounds, structures, sequences and textures."""
+"""Scenes: cameras, backgrounds, structures, sequences and textures."""
 
 from dataclasses import fields, replace
 from itertools import pairwise

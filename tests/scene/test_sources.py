@@ -1,4 +1,4 @@
-"""Checksums of patches and models: others for other sources, and the same on all processors."""
+"""Checksums of patches and models: they differ between sources, and are the same on all processors."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from semisynth_gl.scene.sources import SceneSources, prepare_sources
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import sources as texture_sources
 
-# Libraries of these differ in the last bit from processor to processor.
+# The results of these functions differ in the last bit from processor to processor.
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "arctan2", "arcsin", "arccos")
 
 
@@ -21,7 +21,7 @@ def no_cache(monkeypatch):
 
 
 def with_other_last_bits(function, rng):
-    """Move a function's results up or down by their last bit, but for zeros and ones."""
+    """Move a function's results up or down by their last bit, except for zeros and ones."""
 
     def moved(*arguments, **options):
         exact = np.asarray(function(*arguments, **options))
@@ -48,7 +48,7 @@ def test_checksums_are_the_same_where_the_last_bits_of_functions_differ(monkeypa
 
 @pytest.mark.parametrize(("source", "patches"), [("procedural", "a042c0c8"), ("images", "75b26116")])
 def test_models_of_all_kinds_and_patches_have_the_recorded_checksums(tmp_path, source, patches):
-    """A change that is meant to make others records theirs here."""
+    """After an intended change of the models or patches, record the new checksums here."""
     paths = save(tmp_path, **{f"{number}": octaves(number) for number in range(4)})
     textures = {"source": source, "images": list(map(str, paths)) if source == "images" else [], "large_px": 128}
     found = prepare_sources(cheap(textures=textures, models={"complex": 1}), Split(2)).digests()
@@ -66,7 +66,7 @@ def darkened(layers):
     return layers
 
 
-# How each part of an atlas's layers and last patch, of a library's first model, and of a library changes.
+# Changes of each part of an atlas's layers and last patch, of a library's first model, and of a library.
 OF_LAYERS = dict.fromkeys(("layers", "large_layers"), darkened)
 OF_PATCH = {"source": lambda _: "other.png", "left_px": lambda left: left + 1}
 OF_MODEL = dict.fromkeys(("positions", "uv"), lambda array: array + np.float32(2e-5)) | {"triangles": np.flipud}
