@@ -125,11 +125,11 @@ def picture_frame(rng: np.random.Generator) -> Parts:
     """An empty oval or rectangular frame with up to three bars; some stand on two legs like an easel."""
     width, height, thick = rng.uniform(0.6, 1), rng.uniform(0.6, 1), rng.uniform(0.03, 0.08)
     rim = rng.uniform(0.06, 0.16)
-    unit = circle(1, 48)
+    outline = circle(1, 48)
     if rng.random() < 0.6:
         # Move the points of the circle outwards to a square of side 2; four become its corners.
-        unit /= np.abs(unit).max(axis=1, keepdims=True)
-    outer, inner = unit * (width / 2, height / 2), unit * (width / 2 - rim, height / 2 - rim)
+        outline /= np.abs(outline).max(axis=1, keepdims=True)
+    outer, inner = outline * (width / 2, height / 2), outline * (width / 2 - rim, height / 2 - rim)
     yield extruded(outer, thick, inner)
     if rng.random() < 0.5:
         foot = np.array([0, -height / 2, -0.5 * height])

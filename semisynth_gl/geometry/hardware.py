@@ -14,12 +14,12 @@ def gear(rng: np.random.Generator) -> Parts:
     pitch = 2 * np.pi / teeth
     corners = (np.array([0.1, 0.4, 0.55, 0.85]) * pitch + np.arange(teeth)[:, None] * pitch).ravel()
     radius = np.tile([root, 1, 1, root], teeth)
-    unit = from_polar(1, corners)
+    directions = from_polar(1, corners)
     if rng.random() < 0.5:
-        yield extruded(unit * radius[:, None], thick, unit * rng.uniform(0.15, 0.6))
+        yield extruded(directions * radius[:, None], thick, directions * rng.uniform(0.15, 0.6))
         return
     inner, hub = rng.uniform(0.75, 0.88) * root, rng.uniform(0.2, 0.3)
-    yield extruded(unit * radius[:, None], thick, unit * inner)
+    yield extruded(directions * radius[:, None], thick, directions * inner)
     yield placed(extruded(circle(hub, 32), 1.4 * thick, circle(0.5 * hub, 32)), (0, 0, -0.2 * thick))
     for turn in even_turns(int(rng.integers(3, 7))):
         spoke = box((inner - hub + 0.06, rng.uniform(0.08, 0.14), 0.6 * thick), ((inner + hub) / 2, 0, thick / 2))

@@ -1,4 +1,4 @@
-"""The mesh type that builders, loader and renderer share, and operations on meshes and vectors."""
+"""The type of all meshes, and operations on meshes and vectors."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -171,9 +171,7 @@ def without_degenerate(mesh: Mesh) -> Mesh:
     double_areas = lengths(face_normals(corners))
     longest = lengths(corners - corners[:, [2, 0, 1]]).max(axis=1)
     sound = double_areas > 1e-6 * mesh.radius * longest
-    kept = mesh.triangles[sound]
-    used = np.zeros(len(mesh.positions), bool)
-    used[kept] = True
-    if sound.all() and used.all():
+    used, renumbered = np.unique(mesh.triangles[sound], return_inverse=True)
+    if sound.all() and len(used) == len(mesh.positions):
         return mesh
-    return make_part(mesh.name, mesh.positions[used], mesh.uv[used], (np.cumsum(used) - 1)[kept])
+    return make_part(mesh.name, mesh.positions[used], mesh.uv[used], renumbered.reshape(-1, 3))

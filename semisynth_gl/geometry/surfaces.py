@@ -10,7 +10,7 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.geometry.mesh import (
     Floats,
@@ -207,7 +207,7 @@ def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     return make_part("box", sides.reshape(-1, 3), uv, triangles.reshape(-1, 3))
 
 
-def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -> Mesh:
+def extruded(outline: ArrayLike, height: float, hole: Floats | None = None) -> Mesh:
     """Extrude a polygon, (N, 2), anticlockwise and star-shaped about the origin, from z = 0 to ``height``.
 
     ``hole`` is a polygon, (N, 2), anticlockwise and inside the outline. Top and bottom connect its n-th point to the
@@ -215,17 +215,16 @@ def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -
     """
     outer = np.asarray(outline, np.float64)
     parts = [_wall(outer, height)]
-    inner = None if hole is None else np.asarray(hole, np.float64)
     for z, up in ((0.0, -1), (height, 1)):
-        normal = np.array([0.0, 0.0, up])
-        if inner is None:
-            parts.append(_cap(_at_height(outer, z)[::up], normal, np.array([0.0, 0.0, z])))
+        rim, normal = _at_height(outer, z), np.array([0.0, 0.0, up])
+        if hole is None:
+            parts.append(_cap(rim[::up], normal, np.array([0.0, 0.0, z])))
         else:
-            strip = np.stack([_at_height(outer, z), _at_height(inner, z)][::up])
+            strip = np.stack([rim, _at_height(hole, z)][::up])
             strip = np.concatenate([strip, strip[:, :1]], axis=1)
             parts.append(grid_surface(strip, _planar_uv(strip.reshape(-1, 3), normal).reshape(2, -1, 2)))
-    if inner is not None:
-        parts.append(_wall(inner[::-1], height))
+    if hole is not None:
+        parts.append(_wall(hole[::-1], height))
     return merged("extrusion", parts)
 
 
@@ -250,18 +249,16 @@ _CELL_SIDES: Final = (
 )
 
 
-def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) -> Mesh:
+def extruded_cells(solid: NDArray[np.bool_], x: Floats, y: Floats, height: float) -> Mesh:
     """Extrude the solid cells of a rectangular grid from z = 0 to ``height``.
 
     ``solid`` is (R, C) bool, with rows along y and columns along x. ``x``, (C + 1,), and ``y``, (R + 1,), are the
     increasing borders of the cells. The surface is closed; it is a manifold unless two cells touch only at a corner.
     """
-    padded = np.pad(np.asarray(solid, bool), 1)
-    rows, columns = np.nonzero(padded[1:-1, 1:-1])
-    border_x, border_y = np.asarray(x, np.float64), np.asarray(y, np.float64)
+    padded, (rows, columns) = np.pad(solid, 1), np.nonzero(solid)
     bounds = np.zeros((2, 3, len(rows)))
-    bounds[:, 0] = border_x[columns], border_x[columns + 1]
-    bounds[:, 1] = border_y[rows], border_y[rows + 1]
+    bounds[:, 0] = x[columns], x[columns + 1]
+    bounds[:, 1] = y[rows], y[rows + 1]
     bounds[1, 2] = height
     quads, uv = [], []
     for normal, corners in _CELL_SIDES:

@@ -25,8 +25,8 @@ from semisynth_gl.textures.subjects import group_by_subject
 _REMEMBERED = 256
 # The ``purpose`` in `Split.select` for photographs.
 _PHOTOGRAPHS = 0
-# Keys of the section that the cache's key leaves out. It lists the files that ``images`` matches. The other
-# keys only decide how patches are mapped to models.
+# Keys of the section that are not in the cache's key: ``images``, whose files are in it instead, and keys that only
+# decide how patches are mapped to models.
 _NOT_IN_KEY = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy", "wrap"}
 
 
