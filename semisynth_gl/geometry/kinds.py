@@ -12,16 +12,16 @@ from semisynth_gl.geometry import furniture, hardware, outdoors, plants, soft, s
 from semisynth_gl.geometry.mesh import Mesh, Parts, merged, normalised
 from semisynth_gl.inputs.errors import InputError, did_you_mean
 
-Builder = Callable[[np.random.Generator], Mesh]
-"""Builds one model of a kind, normalised and named after the kind. It depends only on the generator."""
-
 
 def _build(kind: Callable[[np.random.Generator], Parts], rng: np.random.Generator) -> Mesh:
     return normalised(merged(kind.__name__, kind(rng)))
 
 
-def _builders(*modules: ModuleType) -> dict[str, Builder]:
-    """Return a builder for each public function that the modules define; its name is the kind's name."""
+def _builders(*modules: ModuleType) -> dict[str, Callable[[np.random.Generator], Mesh]]:
+    """Return the builders of all kinds: a kind is a public function that one of the modules defines.
+
+    A builder makes one model from a generator, normalised and named after the kind.
+    """
     return {
         name: partial(_build, function)
         for module in modules

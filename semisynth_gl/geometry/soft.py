@@ -17,7 +17,7 @@ Field = Callable[[Floats], Floats]
 """Function from points, (N, 3), to signed distances from a surface, (N,), in model units, negative inside."""
 
 Limb = tuple[Floats, float, Floats, float]
-"""A round-ended rod: its start, (3,), and its radius there; its end, (3,), and its radius there."""
+"""A round-ended rod, whose radius changes linearly: its start, (3,), the radius there, its end, the radius there."""
 
 # The corners of a square of grid nodes in turn, as offsets of two indices; also those of the four cells around an edge.
 _AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -137,32 +137,25 @@ def _body(limbs: Sequence[Limb], softness: float, cells: int, margin: float = 0.
     reach = np.array([[radius] for _, first, _, last in limbs for radius in (first, last)]) + margin
     low, high = (points - reach).min(axis=0), (points + reach).max(axis=0)
     two_cells = 2 * (high - low).max() / cells
-    field = _blended([_field_of(*limb) for limb in limbs], softness)
-    return _surface_nets(field, low - two_cells, high + two_cells, cells)
 
-
-def _field_of(start: Floats, start_radius: float, end: Floats, end_radius: float) -> Field:
-    """Return the field of a `Limb`. Its radius changes linearly; a limb between equal points is a ball."""
-    along = end - start
-    square = float((along * along).sum())
-
-    def field(points: Floats) -> Floats:
-        away = points - start
-        share = np.clip((away * along).sum(axis=1) / square, 0, 1) if square > 0 else np.zeros(len(points))
-        off = away - share[:, None] * along
-        return np.asarray(np.sqrt((off * off).sum(axis=1)) - (start_radius + (end_radius - start_radius) * share))
-
-    return field
-
-
-def _blended(fields: Sequence[Field], softness: float) -> Field:
-    """Return the union of fields by Quilez's smooth minimum, which rounds creases over a distance of ``softness``."""
-
-    def smaller(a: Floats, b: Floats) -> Floats:
+    def smooth_minimum(a: Floats, b: Floats) -> Floats:  # by Quilez
         overlap = np.maximum(softness - np.abs(a - b), 0) / softness
         return np.minimum(a, b) - overlap * overlap * softness / 4
 
-    return lambda points: reduce(smaller, (field(points) for field in fields))
+    def field(points: Floats) -> Floats:
+        return reduce(smooth_minimum, (_distances(points, limb) for limb in limbs))
+
+    return _surface_nets(field, low - two_cells, high + two_cells, cells)
+
+
+def _distances(points: Floats, limb: Limb) -> Floats:
+    """Return the signed distances, (N,), of points from a limb; a limb between equal points is a ball."""
+    start, start_radius, end, end_radius = limb
+    along, away = end - start, points - start
+    square = float((along * along).sum())
+    share = np.clip((away * along).sum(axis=1) / square, 0, 1) if square > 0 else np.zeros(len(points))
+    off = away - share[:, None] * along
+    return np.asarray(np.sqrt((off * off).sum(axis=1)) - (start_radius + (end_radius - start_radius) * share))
 
 
 def _surface_nets(field: Field, low: Floats, high: Floats, cells: int) -> Mesh:

@@ -70,8 +70,8 @@ def cut_crop(image: NDArray[np.uint8], square: Square, patch_px: int) -> NDArray
     if rest:
         filtered = Image.Resampling.BOX if side > patch_px else Image.Resampling.BICUBIC
         return np.array(Image.fromarray(cut).resize((patch_px, patch_px), filtered))
-    # Not by Pillow's reduce: unless the factor is a power of two, it is off by one level in some pixels.
-    # Rows and columns are added one by one, since numpy's sums over such short axes take four times as long.
+    # Pillow's reduce is off by one level in some pixels unless the factor is a power of two. NumPy's sums over so short
+    # axes take four times as long as adding row by row and column by column.
     rows = sum((cut[row::factor] for row in range(1, factor)), cut[::factor].astype(np.uint32))
     sums = sum((rows[:, column::factor] for column in range(1, factor)), rows[:, ::factor])
     means: NDArray[np.uint8] = ((2 * sums + factor**2) // (2 * factor**2)).astype(np.uint8)
@@ -97,7 +97,7 @@ def texture_measure(patch: NDArray[np.uint8]) -> float:
 
 
 def least_texture(images: Iterable[NDArray[np.uint8]]) -> float:
-    """Return the `texture_measure` of the flattest of several images, from every second pixel of every second row."""
+    """Return the smallest `texture_measure` of several images, from every second pixel of every second row."""
     return min(texture_measure(np.ascontiguousarray(image[::2, ::2])) for image in images)
 
 

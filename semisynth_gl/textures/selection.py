@@ -32,11 +32,11 @@ def build_atlas(
 ) -> Atlas:
     """Crop squares out of images, and keep crops that have texture, are sharp, and differ from each other.
 
-    Images are opened one at a time in random order; files and painted pictures alternate as long as there are both. The
-    good crops of an image are added in random order, with alternating scales. A crop that hardly differs from an
-    earlier good crop of any image is a duplicate. While there are more than ``max_patches``, the fullest image of the
-    fullest subject (see `subject_numbers`) loses a patch. Once the atlas is full and no subject has more than
-    `PATCHES_PER_SUBJECT`, the remaining images are not opened.
+    Images are opened one at a time in random order; files and painted pictures alternate as long as there are both.
+    Crops that have texture and are sharp are good. An image's good crops are added in random order, with alternating
+    scales. A crop that hardly differs from an earlier good crop of any image is a duplicate. While there are more than
+    ``max_patches``, the fullest image of the fullest subject (see `subject_numbers`) loses a patch. Once the atlas is
+    full and no subject has more than `PATCHES_PER_SUBJECT`, the remaining images are not opened.
 
     With ``section.sequence``, clips of successive frames (see `cut_clips`) replace images, and each clip is a subject.
     Crops are not compared, since successive clips of a video look much the same.

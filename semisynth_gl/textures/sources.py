@@ -41,7 +41,7 @@ class TextureSource:
         pictures: paints the pictures from which patches are cut, one at a time, until there are enough patches. None
             for a source that paints nothing.
         licences: returns the licences of its files by file name; empty if unknown.
-        licence: licence of all other images: "config", the config's key ``licences.images``; "own", this program's.
+        licence: licence of all other images: the config's ``licences.images``, this program's own, or none stated.
     """
 
     files: Callable[[TexturesSection], Sequence[Path]] = lambda _: ()
@@ -80,7 +80,7 @@ SOURCES: dict[str, TextureSource] = {
 
 
 def describe_source(name: str) -> TextureSource:
-    """Return a source by its name in a config. No plug-in is imported: its source is one that paints nothing."""
+    """Return a source by its name in a config, or an empty source for a plug-in's name: no plug-in is imported."""
     return SOURCES.get(name, TextureSource())
 
 
