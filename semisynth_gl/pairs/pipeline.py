@@ -184,7 +184,7 @@ class PairRenderer:
         views = range(self.config.views)
         for attempt in range(self.config.checks.attempts):
             sampled = self._sample(sequence * self.config.sequence.length, attempt)
-            frames, captured = self._render(sampled, None, views), []
+            frames = self._render(sampled, None, views)
             judged = (faults(frame, self.config, sampled.seen_by(view)) for view, frame in enumerate(frames))
             clauses = next(filter(None, judged), [])
             if not clauses:
@@ -192,9 +192,9 @@ class PairRenderer:
                 if not self.config.images_as_rendered:
                     judged = (faults(frame, self.config) for frame, _ in captured)
                     clauses = [f"{clause}, after lens and imperfections" for clause in next(filter(None, judged), [])]
-            if not clauses:
-                self._accepted, self._failures = sequence, failures
-                return self._with_provenance(captured, sampled, crop, views)
+                if not clauses:
+                    self._accepted, self._failures = sequence, failures
+                    return self._with_provenance(captured, sampled, crop, views)
             failures.append("; ".join(clauses))
         raise InputError(
             f"sequence {sequence} failed its checks in {counted(len(failures), 'attempt')}. Fault of the last one: "
