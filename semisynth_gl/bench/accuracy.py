@@ -1,4 +1,4 @@
-"""The error of the rendered disparity, compared with float64 rays; or on a test plane, compared with its equation."""
+"""The error of rendered disparities, compared with float64 rays; that of a test plane, compared with its equation."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

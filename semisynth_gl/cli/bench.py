@@ -57,5 +57,5 @@ def accuracy(**options: Any) -> None:  # noqa: ANN401 - click's
     help="Number of workers. May be repeated.  [default: powers of two, and the number of cores]",
 )
 def speed(**options: Any) -> None:  # noqa: ANN401 - click's
-    """Time the stages of a pair, and runs with 1 to all workers. The machine should be idle."""
+    """Time the stages of a pair, and runs by number of workers. The machine should be idle."""
     _run("speed", **options)

@@ -40,7 +40,7 @@ class Progress(Listener):
             self.on_message(f"rendering with {name}")
 
     def on_total(self, pairs: int) -> None:
-        """Show the bar, and start the clock here: what comes before the first pair is not in the rate."""
+        """Show the bar, and start the clock: the rate excludes the time before the first pair."""
         self._total = pairs
         self._start = self._shown_at = time.monotonic()
         if sys.stderr.isatty():

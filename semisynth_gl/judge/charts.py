@@ -23,8 +23,8 @@ _FILLED, _OUTLINE, _INVALID = "#d98a3d", "#4a90d9", "#4060c0"
 # A grey that is visible on light and dark pages.
 _TEXT = "#888888"
 _DISPARITY_BINS, _MEASURE_BINS, _MEASURES_IN_ROW = 72, 16, 4
-# Inches: the contact sheet and its histogram; the report, its histogram of disparity, and its rows of other histograms.
-_SHEET_WIDTH, _SHEET_HISTOGRAM = 16.0, 2.8
+# Inches.
+_SHEET_WIDTH, _SHEET_HISTOGRAM_HEIGHT = 16.0, 2.8
 _REPORT_WIDTH, _DISPARITY_HEIGHT, _MEASURES_HEIGHT = 14.0, 2.6, 1.9
 
 
@@ -33,17 +33,17 @@ def plot_sheet(
 ) -> Figure:
     """Plot a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
 
-    Each pair, of at least one, has a name below its left image and a weight in the histogram. ``target`` is the
-    config's target distribution of disparity.
+    ``frames`` are at least one pair. ``names`` stand below the left images, ``weights`` are those of the pairs in the
+    histogram, and ``target`` is the config's target distribution of disparity.
     """
     first = frames[0].camera
     # Three images and a colour bar share the width.
     pair_height = (_SHEET_WIDTH / 3.15) * first.height_px / first.width_px
-    height = pair_height * len(frames) + _SHEET_HISTOGRAM + 0.5
-    figure = Figure(figsize=(_SHEET_WIDTH, height), dpi=100, layout="constrained")
+    heights = [*[pair_height] * len(frames), _SHEET_HISTOGRAM_HEIGHT]
+    figure = Figure(figsize=(_SHEET_WIDTH, sum(heights) + 0.5), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=11)
-    grid = figure.add_gridspec(len(frames) + 1, 3, height_ratios=[pair_height] * len(frames) + [_SHEET_HISTOGRAM])
+    grid = figure.add_gridspec(len(heights), 3, height_ratios=heights)
     ranges = [finite_range(frame.left.disparity) for frame in frames]
     least, largest = min(0.0, *(low for _, low, _ in ranges)), max(high for *_, high in ranges)
     counts = np.zeros(len(target.shares))

@@ -35,8 +35,8 @@ class Row:
         place: (M,) float64, the values of the place's pictures; may be empty.
         difference: the dataset's mean minus the place's mean, in standard deviations of the place (see
             `standard_deviation`). None if the dataset has no values, or the place has fewer than four, or only zeros.
-        distance: the Wasserstein-1 distance of both distributions, in standard deviations of the place; None like
-            ``difference``. A mix of crowded and empty scenes may have the place's mean, but a large distance.
+        distance: the Wasserstein-1 distance of both distributions, in standard deviations of the place; None where
+            ``difference`` is. A mix of crowded and empty scenes may have the place's mean, but a large distance.
         advice: what to change in the config; "" if there is nothing to change, or no key is known.
     """
 
@@ -138,7 +138,7 @@ def _row(
 
 
 def find_outliers(pairs: Sequence[MeasuredPair]) -> list[Outlier]:
-    """Return for each measure the pair that is farthest from the median, if it is three standard deviations or more.
+    """Return for each measure the pair that is farthest from the median, if by at least three standard deviations.
 
     The farthest outlier comes first. The standard deviation is estimated from the median absolute deviation. If that is
     0, since more than half of the pairs have the same value, the mean absolute deviation replaces it.
@@ -177,7 +177,7 @@ def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
 
 
 def summary(rows: Sequence[Row]) -> list[str]:
-    """Return lines: how many measures are near the place's, and the advice, for the most distant measure first."""
+    """Return lines: how many measures are near the place's, and the advice, the most distant measure first."""
     distances = [row.distance for row in rows if row.distance is not None]
     near = sum(distance <= 1 for distance in distances)
     head = f"{near} of {len(distances)} measures within one standard deviation (sd) of the place"

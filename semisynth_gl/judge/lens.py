@@ -1,4 +1,7 @@
-"""Compares the channels `valid`, `raw` and `raw_map` with the lens that the pair's provenance records."""
+"""Compares the channels `valid`, `raw` and `raw_map` with the lens that the pair's provenance records.
+
+A border is the part of a rectified image where the sensor saw nothing.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +14,7 @@ from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.interpolation import Floats, interpolate, pixels_around
 from semisynth_gl.lens.borders import valid_at
 
-# The mask `valid` is not checked where the position in the raw image is this near to the image's border.
+# The mask `valid` is not checked where the position in the raw image is nearer than this to the raw image's edge.
 _BORDER_PX = 0.01
 # Bound of errors of `raw_map`. Outside the raw image, it grows by a share of the distance, since float32 rounds.
 _MAP_PX, _MAP_SHARE = 1e-3, 1e-5
@@ -24,11 +27,11 @@ _STEPS_PER_PX = 32
 def hidden_by_borders(
     frame: StoredFrame, eye: Eye, channel: str, vectors: Floats, error_px: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the pixels of a view whose point lies in a border that the lens leaves, in this image or in the second.
+    """Return the pixels of a view whose point lies in a border, of this image or of the second.
 
     ``vectors`` (H, W, 2) px of a ``channel``, disparity or flow, lead to the points in the second image. The result has
-    two masks, (H, W) bool: where a border certainly hides the point, and where it may do so, given that a vector's
-    components are wrong by up to ``error_px``. Both are False for a pair without ``valid``.
+    two masks, (H, W) bool: where a border certainly hides the point, and where it may do so, if the vectors' components
+    are wrong by up to ``error_px``. Both are False for a pair without ``valid``.
     """
     view = frame.view(eye)
     second = frame.view(OTHER_EYE[eye]) if channel == "disparity" else view
@@ -45,8 +48,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Compare a view's ``valid``, ``raw_map`` and ``raw``, if present, with the lens of the pair's provenance.
 
     The lens maps each pixel to a position in the raw image. ``raw_map`` must equal these positions, and ``valid`` must
-    say which of them lie in the raw image. Bilinear interpolation of ``raw`` at the positions must give the view's
-    image.
+    say which of them lie in the raw image. ``raw``, interpolated at the positions, must equal the view's image.
     """
     view = frame.view(eye)
     present = [name for name in ("valid", "raw_map", "raw") if name in view]
@@ -60,7 +62,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     y_px, x_px = np.mgrid[: view.image.shape[0], : view.image.shape[1]].astype(np.float64)
     # nan for points behind the raw camera.
     positions = np.stack(raw.to_raw(frame.camera.matrix(eye), x_px, y_px), axis=2)
-    # Distance to the raw image's border, which goes through the centres of its outermost pixels; negative outside.
+    # Distance to the raw image's edge, which goes through the centres of its outermost pixels; negative outside.
     within_px = np.minimum(positions, np.array([raw.width_px, raw.height_px]) - 1 - positions).min(axis=2)
     if "valid" in view:
         wrong = np.where(view.valid == VISIBLE, ~(within_px >= -_BORDER_PX), within_px > _BORDER_PX)

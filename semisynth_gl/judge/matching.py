@@ -19,8 +19,8 @@ from semisynth_gl.judge.lens import hidden_by_borders
 Where = NDArray[np.bool_]
 
 _OPPOSITE = {"flow": "flow_backward", "flow_backward": "flow"}
-# Bounds, which docs/verify.md lists. A value is wrong if it lies so far outside the range of the four values around its
-# point; so large a share may be wrong.
+# Bounds, which docs/verify.md lists. A value is wrong if it lies more than _RANGE_PX outside the range of the four
+# values around its point; at most _WRONG_SHARE of the values may be wrong.
 _RANGE_PX, _WRONG_SHARE = 0.2, 0.02
 _MEDIAN_PX = 0.01
 # Maximum share of wrong mask values at points that are certainly visible, and certainly occluded.
@@ -72,7 +72,7 @@ def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 
 
 def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:
-    """Compare the disparities, masks and images of both views at points that correspond by disparity.
+    """Compare the disparities, masks and images of both views at the points to which disparity leads.
 
     ``imperfect`` says whether the images have the imperfections of a rig, or a lossy encoding.
     """

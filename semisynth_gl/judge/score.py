@@ -29,8 +29,8 @@ def score(
     """Return the figures of a prediction by a benchmark's definitions; docs/evaluate.md defines their names.
 
     Shares are in percent or fractions, as in the benchmark; errors are in px. All figures are NaN if no pixel is
-    judged. If no judged pixel has a valid prediction, all are bad, and errors are infinite with ``eth3d`` and NaN with
-    ``middlebury``, as in the evaluators.
+    judged. If no judged pixel has a valid prediction, all judged pixels are bad, and errors are infinite with ``eth3d``
+    and NaN with ``middlebury``, as in the evaluators.
 
     Args:
         prediction: (H, W) floats, px; the protocol decides which values are invalid. Middlebury also takes predictions
@@ -62,8 +62,7 @@ def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool
         - ``outliers`` and ``outliers_estimated``: the scored and the estimated pixels of which `is_outlier` is true.
         - ``sum_px`` and ``sum_squared_px2``: sums of the scored pixels' errors and of their squares.
         - ``A50`` to ``A99``: see `error_quantiles`.
-        - ``judged-bg``, ``outliers-bg``, ``judged-fg``, ``outliers-fg``: the same in the background and on objects, if
-          the protocol is pooled and the truth has a map of objects.
+        - ``judged-bg``, ``outliers-bg``, ``judged-fg``, ``outliers-fg``: in the background and on objects, if known.
 
         If an invalid prediction is bad, ``bad-`` and ``outliers`` also count the judged pixels that are not scored.
     """

@@ -52,8 +52,8 @@ def check_view(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict
 def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
     """Check that a view's disparity is in its range, and that no pixel lacks one without a reason.
 
-    A disparity d = f B / Z - doffs is at most ``largest_px``. It is positive or, if signed, at least -doffs. The
-    background fills the view, so a pixel lacks d only in a border, beyond the encoding or, if unsigned, at d <= 0.
+    A disparity d = f B / Z - doffs is at most ``largest_px``, and positive or, if signed, at least -doffs. A pixel may
+    lack d in a border, beyond the encoding's range and, if unsigned, where d would be 0 or below, as in the sky.
     """
     disparity, camera = frame.view(eye)["disparity"], frame.camera
     finite, error_px = np.isfinite(disparity), frame.encodings.disparity.error_px
@@ -78,7 +78,7 @@ def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: V
 def _check_lacking(
     frame: StoredFrame, channel: str, eye: Eye, lacking: Where, disparity: NDArray[np.floating], verdict: Verdict
 ) -> None:
-    """Check that pixels which lack a value lie beside small disparities, since their surface falls below 0 there.
+    """Check that ``lacking`` pixels lie beside small disparities, since the disparity of their surface falls below 0.
 
     Not all pixels of a view may lack a value.
     """
@@ -100,7 +100,7 @@ def _check_beyond(
 ) -> int:
     """Return the number of values beyond the encoding's range that the provenance records.
 
-    Unless it is 0, check that at least so many pixels (``exact``: just so many) lack a value.
+    Unless it is 0, at least as many pixels must be ``lacking``; with ``exact``, exactly as many.
     """
     counts = frame.provenance.get(CHANNELS[channel].beyond_key)
     limited = isfinite(frame.encodings.codec(CHANNELS[channel]).limit_px)
@@ -145,7 +145,7 @@ def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 
 
 def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check that an id is the number of a row, from 1, of ``instances`` in pair.json; 0 needs a lacking disparity.
+    """Check that each id is 0, without a disparity, or the number, from 1, of a row of ``instances`` in pair.json.
 
     The sky's mask must agree with the instances, and the sky's depth must be inf.
     """
