@@ -151,6 +151,19 @@ def basalt(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     return RenamedTree(made)
 
 
+def stella(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+    """Read Stella's and OpenVSLAM's YAML: Camera is both rectified cameras, StereoRectifier the raw ones."""
+    if ("StereoRectifier", "K_left") not in tree:
+        return None
+    fx, fy, cx, cy, product = (_number(tree, "Camera", key) for key in ("fx", "fy", "cx", "cy", "focal_x_baseline"))
+    left = np.hstack([camera_matrix(fx, fy, cx, cy), np.zeros((3, 1))])
+    right = left.copy()
+    right[0, 3] = -product
+    made = {name: value for name, value in tree.items() if name[0] != "Camera" or isinstance(value, str)}
+    size = np.array([_number(tree, "Camera", key) for key in ("cols", "rows")])
+    return RenamedTree(made | {("P_left",): left, ("P_right",): right, ("size",): size})
+
+
 def matlab(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     """Read MATLAB's stereoParameters: what toStruct returns, or single fields as in IntrinsicMatrix1.
 
@@ -174,7 +187,7 @@ def matlab(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
 
 
 Adapter = Callable[[Tree, ImageSize | None], RenamedTree | None]
-ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti, kalibr, basalt, matlab)
+ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti, kalibr, basalt, stella, matlab)
 """Each returns None for other formats. The size is None unless the user gave one or the photographs have one."""
 
 

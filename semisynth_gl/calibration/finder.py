@@ -10,6 +10,7 @@ The steps from a file to a rig:
 """
 
 from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from itertools import chain
 
@@ -28,7 +29,6 @@ UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 # A baseline without a unit is taken as metres up to the first value, as cm up to the second, and as mm above. So it is
 # cm or mm, whichever is nearer to 12 cm, the baseline of most rigs.
 _LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
-_LARGEST_SIDE_PX = 99_999
 # Relative tolerance of equal baselines.
 _SAME_BASELINE = 0.02
 # Keys of poses, with target frame and source frame; "camera" is the camera of the pose's name.
@@ -84,17 +84,10 @@ class StereoArrays:
 def find_stereo_arrays(
     tree: Tree, source: str, cameras: Cameras = None, unit: str | None = None, size: ImageSize | None = None
 ) -> StereoArrays:
-    """Return the arrays of a rig in a tree.
+    """Return the arrays of a rig in a tree; those that the tree does not have are None.
 
-    Args:
-        tree: values by name.
-        source: name of the file or files, for messages.
-        cameras: the left and the right camera, if the tree has more than two.
-        unit: the unit of lengths, a key of `UNITS`; None to guess it.
-        size: the size of the images, if the tree does not state it.
-
-    Raises:
-        FormatError: if there are more than two cameras, or values contradict each other.
+    The tree may have more than two cameras if ``cameras`` are given. A ``unit`` of None is guessed. ``size`` is that of
+    the photographs, for a tree without a size. Raises FormatError if values contradict each other.
     """
     poses = _named_poses(tree)
     if cameras is not None:
@@ -107,7 +100,7 @@ def find_stereo_arrays(
     pose = _stereo_pose(arrays, poses, cameras)
     p = p or _projections_of_right(arrays, cameras)
     if p is None and pose is None:
-        p, k = _projections_of_rectified(arrays, k, rectification, notes)
+        p, k = _projections_of_rectified(arrays, k, notes), None
     pose, p = _to_metres(pose, p, unit, notes)
     stated_size = _size(arrays)
     model: LensModel | None = None
@@ -124,19 +117,24 @@ def find_stereo_arrays(
 
 
 def _pair(arrays: Arrays, kind: str, cameras: Cameras) -> ArrayPair | None:
-    """Return the left and the right array of a kind; None if one is missing.
-
-    Raises FormatError if more than two cameras have one, and ``cameras`` are not given.
-    """
+    """Return the left and the right array of a kind; None if one is missing."""
     of_kind = arrays.get(kind, {})
-    if cameras is None and not {"left", "right"} <= of_kind.keys():
-        numbers = sorted((camera for camera in of_kind if camera.isdigit()), key=int)
-        if len(numbers) > 2:
-            text = ", ".join(numbers)
-            raise FormatError(f"has {len(numbers)} cameras ({text}): choose two, --pair LEFT,RIGHT or cameras")
-        cameras = (numbers[0], numbers[1]) if len(numbers) == 2 else None
-    left, right = (of_kind.get(camera) for camera in cameras or ("left", "right"))
+    left, right = (of_kind.get(camera) for camera in cameras or _left_and_right(of_kind.keys()))
     return None if left is None or right is None else (left, right)
+
+
+def _left_and_right(cameras: AbstractSet[str]) -> tuple[str, str]:
+    """Return the left and the right one of two cameras with numbers, else "left" and "right".
+
+    Raises FormatError for more than two numbers.
+    """
+    numbers = sorted((camera for camera in cameras if camera.isdigit()), key=int)
+    if {"left", "right"} <= cameras or len(numbers) < 2:
+        return "left", "right"
+    if len(numbers) > 2:
+        text = ", ".join(numbers)
+        raise FormatError(f"has {len(numbers)} cameras ({text}): choose two, --pair LEFT,RIGHT or cameras")
+    return numbers[0], numbers[1]
 
 
 # --- the pose of the right camera ---
@@ -150,17 +148,15 @@ def _stereo_pose(arrays: Arrays, poses: Mapping[Frames, Array], cameras: Cameras
     poses = {**poses}
     for camera in rotations.keys() & translations.keys():
         poses[camera, "reference"] = pose_of(rotations[camera], translations[camera])
-    if cameras is None:
-        numbers = sorted((frame for frame in {*chain.from_iterable(poses)} if frame.isdigit()), key=int)
-        cameras = (numbers[0], numbers[1]) if len(numbers) > 1 else ("left", "right")
-    from_left = {cameras[0]: np.eye(4)}
+    left, right = cameras or _left_and_right({*chain.from_iterable(poses)})
+    from_left = {left: np.eye(4)}
     for _ in range(_LONGEST_CHAIN):
         for (to, start), pose in poses.items():
             if start in from_left:
                 from_left.setdefault(to, pose @ from_left[start])
             elif to in from_left:
                 from_left[start] = np.linalg.inv(pose) @ from_left[to]
-    return from_left.get(cameras[1])
+    return from_left.get(right)
 
 
 def _named_poses(tree: Tree) -> dict[Frames, Array]:
@@ -227,28 +223,23 @@ def _projections_of_right(arrays: Arrays, cameras: Cameras) -> ArrayPair | None:
     return (right * (1, 1, 1, 0), right) if right[0, 3] else None
 
 
-def _projections_of_rectified(
-    arrays: Arrays, k: ArrayPair | None, rectification: ArrayPair | None, notes: list[str]
-) -> tuple[ArrayPair | None, ArrayPair | None]:
-    """Return P from K and a baseline, or from Q, and K of raw images, None if ``k`` is K of rectified images."""
+def _projections_of_rectified(arrays: Arrays, k: ArrayPair | None, notes: list[str]) -> ArrayPair | None:
+    """Return both projections from K of the rectified cameras and a baseline, or from Q; None without these."""
     matrices = arrays.get("K", {})
-    single = matrices.get("", next(iter(matrices.values())) if len(matrices) == 1 else None)
-    # Stella stores K of both raw cameras, the rotations that rectify them, and a K of the rectified ones.
-    has_raw = k is not None and rectification is not None and "" in matrices
-    rectified = None if single is None else (single, single)
-    if k is not None and not has_raw:
-        rectified = k
-    baseline = None if rectified is None else _baseline(arrays, float(rectified[0][0, 0]))
-    if rectified is not None and baseline is not None:
-        if not has_raw and any(d.any() for d in arrays.get("D", {}).values()):
+    if k is None and len(matrices) == 1:
+        (single,) = matrices.values()
+        k = single, single
+    baseline = None if k is None else _baseline(arrays, float(k[0][0, 0]))
+    if k is not None and baseline is not None:
+        if any(d.any() for d in arrays.get("D", {}).values()):
             notes.append("D was ignored: with a baseline and without R, images are taken to be rectified")
-        return projections(*rectified, baseline), k if has_raw else None
+        return projections(*k, baseline)
     for q in arrays.get("Q", {}).values():
         focal_px, cx_left, cy = q[2, 3], -q[0, 3], -q[1, 3]
         # The last row of Q ends in -1 / Tx and (cx - cx') / Tx.
         left, right = (camera_matrix(focal_px, focal_px, cx, cy) for cx in (cx_left, cx_left + q[3, 3] / q[3, 2]))
-        return projections(left, right, abs(1 / q[3, 2])), k
-    return None, k
+        return projections(left, right, abs(1 / q[3, 2]))
+    return None
 
 
 def _baseline(arrays: Arrays, focal_px: float) -> float | None:
@@ -263,7 +254,7 @@ def _size(arrays: Arrays) -> ImageSize | None:
     """Return the size of the images; None if it is unknown. Raises FormatError if the cameras have two sizes."""
     sizes = set[ImageSize]()
     for width, height in (size.tolist() for size in arrays.get("size", {}).values()):
-        if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
+        if not all(0 <= side == int(side) for side in (width, height)):
             raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
         if width and height:  # OpenCV's unknown size is 0 x 0
             sizes.add(ImageSize(int(width), int(height)))

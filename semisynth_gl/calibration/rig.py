@@ -57,8 +57,8 @@ class RectifiedRig:
 def make_rig(arrays: StereoArrays, size: ImageSize, alpha: float | None = None) -> RectifiedRig:
     """Return the rig of a calibration for images of ``size``: from P1 and P2, or else by OpenCV's stereoRectify.
 
-    ``alpha`` is passed to stereoRectify; for a fisheye, it is passed as ``balance``. 0 crops all borders, 1 keeps as
-    much of the raw images as possible. None is OpenCV's default, but limits a fisheye's view to 100 degrees.
+    ``alpha`` is passed to stereoRectify; for a fisheye, it is passed as ``balance``. None is OpenCV's default, but
+    limits a fisheye's view to 100 degrees.
 
     Raises:
         InputError: if P1 and P2 do not describe a rectified pair, the baseline is not above 0, both cameras have the
