@@ -39,11 +39,12 @@ class Histogram:
 
     def cumulative(self, disparity_px: ArrayLike) -> NDArray[np.float64]:
         """Return the share of the pixels below each disparity, float64 in the shape of ``disparity_px``."""
-        return np.asarray(np.interp(np.asarray(disparity_px, np.float64), self.edges_px, self._at_edges()), np.float64)
+        at_edges = self._cumulative_at_edges()
+        return np.asarray(np.interp(np.asarray(disparity_px, np.float64), self.edges_px, at_edges), np.float64)
 
     def quantile(self, share: float) -> float:
         """Return the disparity, px, below which this share of the pixels (0 to 1) lies."""
-        return float(np.interp(share, self._at_edges(), self.edges_px))
+        return float(np.interp(share, self._cumulative_at_edges(), self.edges_px))
 
     def rebinned(self, edges_px: ArrayLike) -> Self:
         """Return the histogram in different bins, given their increasing edges (K + 1,).
@@ -56,7 +57,7 @@ class Histogram:
         # Rounding may make cumulative shares decrease slightly, which would give negative shares.
         return type(self)(edges, np.diff(np.maximum.accumulate(np.minimum(cumulative, 1.0))))
 
-    def _at_edges(self) -> NDArray[np.float64]:
+    def _cumulative_at_edges(self) -> NDArray[np.float64]:
         return np.concatenate([[0.0], np.cumsum(self.shares)])
 
 

@@ -100,9 +100,9 @@ def range_to_yaml(value: Range) -> float | list[float]:
     return value.low if value.low == value.high else [value.low, value.high]
 
 
-def _rule(holds: Callable[[Any], object], expected: str) -> AfterValidator:
+def _validator(is_valid: Callable[[Any], object], expected: str) -> AfterValidator:
     def check(value: Any) -> Any:  # noqa: ANN401 - a validator of any type
-        if not holds(value):
+        if not is_valid(value):
             raise ValueError(f"expected {expected}")
         return value
 
@@ -111,13 +111,13 @@ def _rule(holds: Callable[[Any], object], expected: str) -> AfterValidator:
 
 def within(low: float, high: float = LARGEST) -> AfterValidator:
     """Return a validator of ranges that lie in the closed interval from ``low`` to ``high``."""
-    return _rule(lambda value: low <= value.low and value.high <= high, f"{low:g} to {high:g}")
+    return _validator(lambda value: low <= value.low and value.high <= high, f"{low:g} to {high:g}")
 
 
 def one_of(names: Iterable[str]) -> AfterValidator:
     """Return a validator that accepts only these names."""
     known = tuple(names)
-    return _rule(known.__contains__, f"one of {', '.join(known)}")
+    return _validator(known.__contains__, f"one of {', '.join(known)}")
 
 
 # Converts a list from YAML into a tuple: sections are immutable.
@@ -128,9 +128,9 @@ NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 Share = Annotated[float, Field(ge=0, le=1)]
 _HYPHENATED = re.compile("[A-Za-z0-9][A-Za-z0-9-]*")
-Name = Annotated[str, Field(max_length=100), _rule(_HYPHENATED.fullmatch, "letters, digits and hyphens")]
+Name = Annotated[str, Field(max_length=100), _validator(_HYPHENATED.fullmatch, "letters, digits and hyphens")]
 PluginName = Annotated[str, Field(min_length=1, max_length=100)]
-PathText = Annotated[str, _rule(lambda text: text and "\0" not in text, "a path")]
+PathText = Annotated[str, _validator(lambda text: text and "\0" not in text, "a path")]
 
 # A plain validator, since pydantic would otherwise build a schema of `Range` for each use, which is slow.
 RangeField = Annotated[Range, PlainValidator(_parse_range), PlainSerializer(range_to_yaml)]

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
+from semisynth_gl.config.explain import config_keys
 from semisynth_gl.config.fields import Range, is_number, range_to_yaml
-from semisynth_gl.config.layers import Values
-from semisynth_gl.config.model import Config
+from semisynth_gl.config.layers import Values, merged
 
 # Keys that end in _px are in pixels of a pattern or a patch in these sections, and elsewhere in pixels of an image.
 _OTHER_PIXELS = {"projector", "textures"}
@@ -30,8 +30,8 @@ def recentred(below: Values, above: Values) -> Values:
     def moved(keys: tuple[str, ...], at: float) -> float:
         side = _POINTS.get(keys[-1])
         old, new = before.get(side), stated.get(side)
-        is_stated = keys[0] == "camera" and keys[-1] in stated
-        if "camera" in keys and not is_stated and is_number(old) and is_number(new) and old != new:
+        is_replaced = keys[0] == "camera" and keys[-1] in stated
+        if "camera" in keys and not is_replaced and is_number(old) and is_number(new) and old != new:
             return (new - 1) / 2 + (at - (old - 1) / 2)
         return at
 
@@ -56,14 +56,12 @@ def scaled(values: Values, factor: float) -> Values:
         border = 0.5 if key in (*_POINTS, "cx_px") else 0.0
         return (value + border) * factor - border
 
-    full = dict(values)
-    for name, section in Config.model_fields.items():
-        fields = getattr(section.annotation, "model_fields", {})
-        ranges = {key: field.default for key, field in fields.items() if isinstance(field.default, Range)}
-        stated = {key: range_to_yaml(each) for key, each in ranges.items() if key.endswith("_px") or key == _TEXELS}
-        if stated and isinstance(given := values.get(name, {}), dict):
-            full[name] = stated | given
-    return dict(_changed(full, at_scale))
+    defaults: Values = {}
+    for dotted, field in config_keys().items():
+        section, _, key = dotted.rpartition(".")
+        if isinstance(field.default, Range) and (key.endswith("_px") or key == _TEXELS):
+            defaults.setdefault(section, {})[key] = range_to_yaml(field.default)
+    return dict(_changed(merged(defaults, values), at_scale))
 
 
 def _changed(value: Any, change: Change, keys: tuple[str, ...] = ()) -> Any:  # noqa: ANN401 - any YAML value

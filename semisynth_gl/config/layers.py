@@ -60,18 +60,21 @@ class ConfigLayer:
     def message(self, text: str, keys: Sequence[KeyPath]) -> str:
         """Return a message on a fault of several keys with their places; the key that was set last comes first."""
         stated = [key for key in keys if holds(self.values, key)] or keys[:1]
-        homes = {key: self._home(key) for key in stated}
-        order = [(), *self.places]
-        last, *others = sorted(stated, key=lambda key: order.index(homes[key]), reverse=True)
-        places = {key: self.places.get(home, "") for key, home in homes.items()}
-        notes = [f"{dotted(key)} of {places[key]}" for key in others if places[key] != places[last]]
-        start = (" " if places[last] == OVERRIDE else ": ").join(filter(None, (places[last], dotted(last))))
+        places = {key: self._place(key) for key in stated}
+        last, *others = sorted(stated, key=places.__getitem__, reverse=True)
+        place = places[last][1]
+        notes = [f"{dotted(key)} of {places[key][1]}" for key in others if places[key][1] != place]
+        start = (" " if place == OVERRIDE else ": ").join(filter(None, (place, dotted(last))))
         return f"{start}: {text}" + (f" (with {', '.join(notes)})" if notes else "")
 
-    def _home(self, key: KeyPath) -> KeyPath:
-        """Return the key with a place that is nearest to ``key``: itself, a section around it, a key in it, or ()."""
+    def _place(self, key: KeyPath) -> tuple[int, str]:
+        """Return when a key was set, as a number that increases, and the place.
+
+        A key without a place has that of the nearest section around it, of a key in it, or of the file.
+        """
         around = (key[:n] for n in range(len(key), 0, -1) if key[:n] in self.places)
-        return next(around, next((each for each in self.places if key and each[: len(key)] == key), ()))
+        placed = next(around, next((each for each in self.places if key and each[: len(key)] == key), ()))
+        return [(), *self.places].index(placed), self.places.get(placed, "")
 
 
 def holds(values: Any, key: KeyPath) -> bool:  # noqa: ANN401 - any YAML value

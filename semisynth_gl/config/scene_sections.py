@@ -46,7 +46,7 @@ class BackgroundSection(ConfigSection):
     wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
     """maximum rotation of an empty room about each axis; furnished rooms rotate sideways by up to twice this"""
     plane_disparity_px: RangeField = Range(0.2, 1.0)
-    """disparity of the far plane or backdrop; with a sky, disparity at which the ground ends"""
+    """disparity of the far plane or backdrop; under a sky, of the far end of the ground"""
     sky: Share = 0.0
     """share of outdoor scenes with an infinitely distant backdrop"""
 
