@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.disparity_section import DisparitySection
@@ -146,17 +146,12 @@ class RecipeSection(ConfigSection):
     config: "Config"
     """the whole config with the recipe's keys merged in, and without recipes"""
 
-    @field_validator("given")
-    @classmethod
-    def _refuse_fixed_keys(cls, given: dict[str, Any]) -> dict[str, Any]:
-        for section, keys in given.items():
-            fixed = [f"{section}.{key}" for key in _FIXED.get(section, ()) if isinstance(keys, dict) and key in keys]
-            if section in Config.model_fields and section not in _FIXED:
-                fixed = [section]
-            for key in fixed:
-                text = f"a recipe cannot change this key, which is the same for all pairs: set {key} outside scenes"
-                raise ConfigError(text, (key,))
-        return given
+    def _check_rules(self) -> None:
+        for section, keys in self.given.items():
+            fixed = [f"{section}.{key}" for key in keys if key in _FIXED[section]] if section in _FIXED else [section]
+            if fixed:
+                text = f"a recipe cannot change this key, which all pairs share: set {fixed[0]} outside scenes"
+                raise ConfigError(text, fixed)
 
     @model_serializer(mode="wrap")
     def _as_written(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
