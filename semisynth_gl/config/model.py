@@ -50,6 +50,9 @@ from semisynth_gl.seeds.splits import Split, SplitName
 # If None, the key is left out of `model_dump`, so that configs from before the key was added keep their digests.
 _OMIT_NONE = Field(exclude_if=lambda value: value is None)
 
+# Number of scenes whose baselines are sampled to predict a distribution of disparity.
+_SCENES = 200
+
 RECIPE_KEYS = ("recipe", "extends", "weight")
 """The keys of a recipe that are not sections."""
 
@@ -337,7 +340,10 @@ class Config(ConfigSection):
 
     def across_baselines(self, longest: Histogram) -> Histogram:
         """Return the distribution of disparity over all pairs, given that of the pairs of the longest baseline."""
-        ratios, counts = self.camera.baseline_ratios()
+        # Ratios of the baselines of some scenes to the longest baseline of the scene.
+        low_m, high_m = np.transpose([(each.low, each.high) for each in self.camera.baseline_ranges_m])
+        sampled_m = low_m + (high_m - low_m) * np.random.default_rng(0).random((_SCENES, len(low_m)))
+        ratios, counts = np.unique(sampled_m / sampled_m.max(axis=1, keepdims=True), return_counts=True)
         if len(ratios) == 1:
             return longest
         # Without a stated cx_right, doffs is in proportion to the baseline, as disparity is; see `sample_cameras`.

@@ -4,7 +4,6 @@ from math import degrees, radians
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from semisynth_gl.config.fields import (
@@ -31,8 +30,6 @@ from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera, ro
 _MOST_PIXELS = 1 << 27
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
 _SUB_FRAMES = 7
-# Number of scenes whose baselines are sampled to find the ratios of the baselines.
-_SCENES = 200
 
 # All OpenGL 4.5 drivers support images of this width and height.
 _Side = Annotated[int, Field(ge=1, le=16_384)]
@@ -107,15 +104,6 @@ class CameraSection(ConfigSection):
             return tuple(Range(metres, metres) for metres in self.baselines)
         assert self.baseline_m is not None  # noqa: S101 - see `_check_rules`
         return (self.baseline_m,) * self.baselines
-
-    def baseline_ratios(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the ratios of baselines to the longest baseline of their scene, (K,), and how often each occurs, (K,).
-
-        If baselines are ranges, they are sampled, always with the same random numbers.
-        """
-        low, high = np.transpose([(each.low, each.high) for each in self.baseline_ranges_m])
-        sampled = low + (high - low) * np.random.default_rng(0).random((_SCENES, len(low)))
-        return np.unique(sampled / sampled.max(axis=1, keepdims=True), return_counts=True)
 
     @property
     def all_doffs_px(self) -> Range:
