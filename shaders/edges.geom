@@ -92,26 +92,25 @@ void main() {
     vec2 from_px = focal_px * from.xy / from.z + centre_px, to_px = focal_px * to.xy / to.z + centre_px;
     vec2 along = to_px - from_px;
     float length_px = length(along);
-    // The triangle's point P = w0 V0 + w1 V1 + w2 V2 has the weights wk = dot(side[k], P) / determinant. The sides are
-    // normals of the pyramid from the eye through the triangle: V1 x V2, V2 x V0, V0 x V1. The sign of the determinant
-    // tells whether the corners run clockwise in the image.
+    // The triangle's point P = w0 V0 + w1 V1 + w2 V2 has the weights wk = dot(normals[k], P) / det. The normals are
+    // V1 x V2, V2 x V0 and V0 x V1. The sign of det tells whether the corners run clockwise in the image.
     vec3 edge = view[1] - view[0];
-    mat3 side = mat3(cross(view[1], view[2] - view[1]), cross(view[2], view[0] - view[2]), cross(view[0], edge));
-    float determinant = dot(view[2], side[2]);
-    if (length_px < SHORTEST_PX || determinant == 0.0) {
+    mat3 normals = mat3(cross(view[1], view[2] - view[1]), cross(view[2], view[0] - view[2]), cross(view[0], edge));
+    float det = dot(view[2], normals[2]);
+    if (length_px < SHORTEST_PX || det == 0.0) {
         return;
     }
-    vec2 away = sign(determinant) * vec2(along.y, -along.x) / length_px;  // unit normal, away from the surface
+    vec2 away = sign(det) * vec2(along.y, -along.x) / length_px;  // unit normal, away from the surface
     float reach = 0.5 * (abs(away.x) + abs(away.y));  // half the width of the strip, px
     // The derivatives of the weights by x and y of the image, at constant Z, for both ends of the edge: column k is for
-    // corner k. Their sum is the derivative of 1 / Z, relative to 1 / Z.
+    // corner k. The sum of the columns is the relative derivative of 1 / Z.
     mat3 per_px[2];
     float depth_factor[2];
     float nearest_m = max(min(view[0].z, min(view[1].z, view[2].z)), near_m);
     for (int end = 0; end < 2; ++end) {
         float depth_m = end == 0 ? from.z : to.z;
-        vec3 scale = vec3(depth_m / (focal_px * determinant), 0.0);
-        per_px[end] = mat3(side[0] * scale, side[1] * scale, side[2] * scale);
+        vec3 scale = vec3(depth_m / (focal_px * det), 0.0);
+        per_px[end] = mat3(normals[0] * scale, normals[1] * scale, normals[2] * scale);
         float rise = -reach * dot(per_px[end] * vec3(1.0), vec3(away, 0.0));
         depth_factor[end] = 1.0 + ROUNDING + clamp(rise, 0.0, max(STEEPEST, depth_m / nearest_m - 1.0));
     }
@@ -121,7 +120,7 @@ void main() {
     }
 
 #ifdef LIT
-    // Two edges of the triangle in the projector's frame: the matrix takes Z (x, y, 1) with x and y in the window.
+    // Two edges of the triangle in the projector's frame. The matrix takes Z (x, y, 1), with x and y in the window.
     vec3 edges[2];
     for (int k = 0; k < 2; ++k) {
         vec3 to_corner = view[k + 1] - view[0];

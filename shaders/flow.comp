@@ -19,7 +19,7 @@ layout(local_size_x = 64) in;
 
 layout(binding = 0) uniform sampler2D own_depth;       // m; inf where nothing is drawn, or the sky
 layout(binding = 1) uniform usampler2D own_surface;
-layout(binding = 2) uniform sampler2D then_depth;      // at the target moment; its wrap must be clamped
+layout(binding = 2) uniform sampler2D then_depth;      // at the target moment; the sampler must clamp at the border
 layout(binding = 3) uniform usampler2D then_surface;
 
 layout(binding = 0, rg32f) writeonly uniform image2D flow;

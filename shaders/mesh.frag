@@ -73,8 +73,8 @@ Colour patch_colour() {
     lod = lod < LOD_TOLERANCE ? 0.0 : lod;
     vec2 along = x_texels > y_texels ? dx : dy;
     Colour sum = Colour(0.0);
-    for (float number = 0.5; number < samples; number += 1.0) {
-        vec2 offset = samples > 1.0 ? along * (number / samples - 0.5) : to_nearest_step;
+    for (float middle = 0.5; middle < samples; middle += 1.0) {
+        vec2 offset = samples > 1.0 ? along * (middle / samples - 0.5) : to_nearest_step;
         sum += components(textureLod(atlas, vec3(patch_coordinate + offset, float(patch_layer)), lod));
     }
     return sum / samples;
@@ -85,35 +85,26 @@ Colour patch_colour() {
 #ifdef LIT
 #include "common_projector.glsl"
 #endif
-
 #ifdef DISPARITY
 #include "common_disparity.glsl"
-
 layout(location = DISPARITY) out float disparity_px;
 #endif
-
 #ifdef INVERSE_DEPTH
 layout(location = INVERSE_DEPTH) out float inverse_depth;
 #endif
-
 #ifdef DEPTH
 layout(location = DEPTH) out float depth_m;
 #endif
-
 #ifdef INSTANCES
 layout(location = INSTANCES) out uint instance_id;
 #endif
-
 #ifdef SKY
 layout(location = SKY) out uint sky;
 #endif
-
 #ifdef NORMALS
 #include "common_triangles.glsl"
-
 layout(location = NORMALS) out vec4 normal;
 #endif
-
 #ifdef SURFACE
 layout(location = SURFACE) out uvec2 surface;  // instance, triangle
 #endif

@@ -1,18 +1,17 @@
 #version 450 core
 // Whether the other eye sees the point that a pixel of this eye shows, in a rectified pair.
 //
-// TILES decides 4 x 4 pixels at a time by the two disparity maps, and lists the tiles that are not wholly visible. FILL
-// writes tiles whose pixels all have one value. PIXELS decides the pixels of mixed tiles, and lists the undecided
-// pixels. TRACE walks from the neighbouring pixels across their triangles to the point of an undecided pixel. A pixel
-// that no step writes is VISIBLE. So is a point that is hidden only by surfaces that no pixel of the other view shows.
-// Work lists keep the costly steps dense: llvmpipe runs eight invocations at a time through both sides of every branch.
+// TILES decides 4 x 4 pixels at a time by the two disparity maps, and lists the tiles that are not wholly visible.
+// PIXELS decides the pixels of these tiles, and lists the undecided ones. TRACE walks from the neighbouring pixels
+// across their triangles to the point of an undecided pixel. A pixel that no step writes is VISIBLE. So is a point that
+// is hidden only by surfaces that no pixel of the other view shows. Work lists keep the costly steps dense: llvmpipe
+// runs eight invocations at a time through both sides of every branch.
 
 #include "common_constants.glsl"
 
 #define TILES 0
-#define FILL 1
-#define PIXELS 2
-#define TRACE 3
+#define PIXELS 1
+#define TRACE 2
 
 #if STEP == TILES
 layout(local_size_x = 16, local_size_y = 4) in;
@@ -20,19 +19,17 @@ layout(local_size_x = 16, local_size_y = 4) in;
 layout(local_size_x = 64) in;
 #endif
 
-layout(binding = 0) uniform sampler2D own_disparity;    // the wrap of both samplers must be clamped
+layout(binding = 0) uniform sampler2D own_disparity;    // both samplers must clamp at the border
 layout(binding = 1) uniform sampler2D other_disparity;
 
 layout(binding = 0, r8ui) writeonly uniform uimage2D visibility;
 
-// Numbers of entries of three work lists, and the lists: mixed tiles, tiles of one value, undecided pixels. The first
-// two have room for all tiles of the band. An entry is a column and a row, 16 bits each: from a single index, shaders
-// would have to divide, which is slow. In the second list, HIDDEN is set for OCCLUDED.
+// Two work lists: tiles, with room for all tiles of the band, then pixels. `tiles` and `pixels` are their numbers of
+// entries. An entry is a column and a row, 16 bits each: a single index would need slow divisions.
 layout(std430, binding = 5) buffer Work {
     uint tiles;
-    uint fills;
     uint pixels;
-    uint unused;
+    uint unused[2];
     uint work[];
 };
 
@@ -40,14 +37,12 @@ uniform uvec4 band;  // the part of the image to process: left column, first row
 
 const uint UNDECIDED = 1u;
 
-const uint HIDDEN = 0x8000u;
-
-uint listed(uvec2 at) {
+uint pack(uvec2 at) {
     return at.x | at.y << 16;
 }
 
-uvec2 unlisted(uint entry) {
-    return uvec2(entry & 0x7FFFu, entry >> 16);
+uvec2 unpack(uint entry) {
+    return uvec2(entry & 0xFFFFu, entry >> 16);
 }
 
 // Disparities of the other view at the two pixels beside a point show the point's surface if they differ by less than
@@ -84,9 +79,9 @@ float or_farthest(float disparity_px) {
 
 // Whether the two pixels beside a point show its surface: along a row, a plane's disparity is linear.
 bool is_same_surface(float disparity_px, float between, vec2 beside) {
-    precise float off = abs(mix(beside.x, beside.y, between) - disparity_px), step = abs(beside.y - beside.x);
-    precise float most = BEND_PX + BEND_RELATIVE * step;
-    return off < most && step < STEEPEST;
+    precise float error_px = abs(mix(beside.x, beside.y, between) - disparity_px), step_px = abs(beside.y - beside.x);
+    precise float tolerance_px = BEND_PX + BEND_RELATIVE * step_px;
+    return error_px < tolerance_px && step_px < STEEPEST;
 }
 
 // Whether a surface with this 1 / Z is nearer than a point with this disparity.
@@ -103,8 +98,8 @@ bool is_outside(float disparity_px, float target, float last) {
 // of the pixels above and below them. TILES and PIXELS have the same result.
 uint decide(float disparity_px, float between, vec2 above, vec2 beside, vec2 below) {
     vec2 farthest = min(min(above, below), beside);
-    precise float clearly = disparity_px + CLEARLY_PX;
-    if (min(farthest.x, farthest.y) > clearly && abs(beside.y - beside.x) < GAP_PX) {
+    precise float limit_px = disparity_px + CLEARLY_PX;
+    if (min(farthest.x, farthest.y) > limit_px && abs(beside.y - beside.x) < GAP_PX) {
         return OCCLUDED;
     }
     return is_same_surface(disparity_px, between, beside) ? VISIBLE : UNDECIDED;
@@ -155,7 +150,7 @@ void main() {
         own[2 * k + 1] = vec4(left.xy, right.xy);
     }
     vec4 column = at.x + vec4(0.0, 1.0, 2.0, 3.0);
-    float first = 1e9;  // the leftmost column of the other view where a point of the tile is looked up
+    float first = 1e9;  // the leftmost column of the other view in which a point of the tile is looked up
     for (int row = 0; row < 4; ++row) {
         vec4 target = column + disparity_sign * own[row];
         first = min(first, min(min(target.x, target.y), min(target.z, target.w)));
@@ -169,42 +164,21 @@ void main() {
         rows[2 * k] = Row(vec3(a.wz, b.w), vec3(b.z, c.wz));
         rows[2 * k + 1] = Row(vec3(a.xy, b.x), vec3(b.y, c.xy));
     }
-    // With "or" and "and" of the values' bits: both are equal only if all pixels have the same value.
-    uint any_of = 0u, all_of = 0xFFu;
+    bool all_visible = true;
     for (int row = 0; row < 4; ++row) {
         for (int k = 0; k < 4; ++k) {
             uint found =
                 decide_in(column[k], own[row][k], first, float(last.x), rows[row], rows[row + 1], rows[row + 2]);
-            any_of |= found;
-            all_of &= found;
+            all_visible = all_visible && found == VISIBLE;
         }
     }
-    if (any_of != all_of || any_of == UNDECIDED) {
-        work[atomicAdd(tiles, 1u)] = listed(tile);
-    } else if (any_of != VISIBLE) {
-        work[band.z * band.w + atomicAdd(fills, 1u)] = listed(tile) | (any_of == OCCLUDED ? HIDDEN : 0u);
+    if (!all_visible) {
+        work[atomicAdd(tiles, 1u)] = pack(tile);
     }
 }
 #else
 uint invocations() {
     return gl_NumWorkGroups.x * gl_WorkGroupSize.x;
-}
-
-// The first pixel of row `item % 4` of a listed tile.
-ivec2 row_of(uint entry, uint item) {
-    return ivec2(4u * unlisted(entry) + uvec2(0u, item % 4u));
-}
-#endif
-
-#if STEP == FILL
-void main() {
-    for (uint item = gl_GlobalInvocationID.x; item < 4u * fills; item += invocations()) {
-        uint fill = work[band.z * band.w + item / 4u];
-        ivec2 row = row_of(fill, item);
-        for (int k = 0; k < 4; ++k) {
-            imageStore(visibility, row + ivec2(k, 0), uvec4((fill & HIDDEN) != 0u ? OCCLUDED : OUTSIDE));
-        }
-    }
 }
 #endif
 
@@ -212,7 +186,7 @@ void main() {
 void main() {
     ivec2 last = textureSize(own_disparity, 0) - 1;
     for (uint item = gl_GlobalInvocationID.x; item < 4u * tiles; item += invocations()) {
-        ivec2 row = row_of(work[item / 4u], item);
+        ivec2 row = ivec2(4u * unpack(work[item / 4u]) + uvec2(0u, item % 4u));
         for (int k = 0; k < 4; ++k) {
             ivec2 pixel = row + ivec2(k, 0);
             float disparity_px = texelFetch(own_disparity, min(pixel, last), 0).r;
@@ -224,7 +198,7 @@ void main() {
             found = is_outside(disparity_px, target, float(last.x)) ? OUTSIDE : found;
             bool inside = all(lessThanEqual(pixel, last));
             if (inside && found == UNDECIDED) {
-                work[2u * band.z * band.w + atomicAdd(pixels, 1u)] = listed(uvec2(pixel));
+                work[band.z * band.w + atomicAdd(pixels, 1u)] = pack(uvec2(pixel));
             }
             if (inside && (found == OCCLUDED || found == OUTSIDE)) {
                 imageStore(visibility, pixel, uvec4(found));
@@ -247,7 +221,7 @@ const ivec2 AROUND[6] =
 void main() {
     ivec2 last = textureSize(own_disparity, 0) - 1;
     for (uint item = gl_GlobalInvocationID.x; item < pixels; item += invocations()) {
-        ivec2 pixel = ivec2(unlisted(work[2u * band.z * band.w + item]));
+        ivec2 pixel = ivec2(unpack(work[band.z * band.w + item]));
         float disparity_px = texelFetch(own_disparity, pixel, 0).r;
         uvec2 own = texelFetch(own_surface, pixel, 0).rg;
         vec2 target = vec2(target_of(float(pixel.x), disparity_px), pixel.y);

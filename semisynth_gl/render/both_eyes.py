@@ -10,8 +10,8 @@ from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY, Targets
 from semisynth_gl.render.work_list_steps import WorkListSteps
 
 _TILE_PX = 4
-# Room in the visibility pass's work lists for each tile: the tile in two lists, its pixels in the third one.
-_ENTRIES = 2 + _TILE_PX**2
+# Room in the visibility pass's work lists for each tile: the tile in one list, its pixels in the other one.
+_ENTRIES = 1 + _TILE_PX**2
 
 
 class VisibilityPass:
@@ -19,7 +19,7 @@ class VisibilityPass:
 
     def __init__(self, resources: RenderResources) -> None:
         self._resources = resources
-        self._steps = WorkListSteps(resources.context, "visibility.comp", 4, _TILE_PX, _ENTRIES)
+        self._steps = WorkListSteps(resources.context, "visibility.comp", 3, _TILE_PX, _ENTRIES)
 
     def compute(self, pair: DrawnPair, eye: Eye) -> None:
         """Compute the visibility of one eye's view, or of a crop of it, from both eyes' disparities and surfaces."""
@@ -66,7 +66,7 @@ class CorrespondencePass:
 
 
 def _change_and_shift(camera: StereoCamera, eye: Eye) -> list[tuple[float, ...]]:
-    """Return the three rows of R - I and the shift of the transform from one eye's frame to the other eye's."""
+    """Return the three rows of [R - I | s], for the transform R x + s from one eye's frame to the other eye's."""
     other = OTHER_EYE[eye]
     own_turn, other_turn = (np.eye(3) if turn is None else turn for turn in (camera.turn(eye), camera.turn(other)))
     shift = other_turn @ (camera.offset_m(eye) - camera.offset_m(other), 0.0, 0.0)

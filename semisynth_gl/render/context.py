@@ -52,7 +52,7 @@ class GraphicsContext:
 
     @property
     def software(self) -> bool:
-        """Whether the driver draws on the processor."""
+        """Whether the driver renders on the CPU."""
         return is_software(self.renderer)
 
     @property
@@ -87,10 +87,7 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
         BackendError: where no context can be opened, with the reason for each backend and what to install.
     """
     check_one_of("backend", backend, BACKENDS)
-    openers: dict[Backend, Callable[[], Any]] = {
-        "egl": lambda: _open_egl(device_index),
-        "osmesa": OSMesaContext,
-    }
+    openers: dict[Backend, Callable[[], Any]] = {"egl": lambda: _open_egl(device_index), "osmesa": OSMesaContext}
     if _opened_in - {os.getpid()}:
         # A fork does not copy the driver's threads, for which the driver would wait for ever.
         raise BackendError(f"this process was forked from one that had opened OpenGL: {_AFTER_FORK}")

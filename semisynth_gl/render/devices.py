@@ -132,9 +132,9 @@ def query_devices() -> list[EglDevice]:
             and ask_bytes
             and ask_bytes(device, _EGL_DEVICE_UUID_EXT, _UUID_BYTES, uuid, ctypes.byref(ctypes.c_int(0)))
         )
-        known = cuda.value if cuda.value >= 0 else None
+        cuda_number = cuda.value if cuda.value >= 0 else None
         software = "EGL_MESA_device_software" in extensions
-        devices.append(EglDevice(index, software, known, f"GPU-{UUID(bytes=uuid.raw)}" if has_uuid else None))
+        devices.append(EglDevice(index, software, cuda_number, f"GPU-{UUID(bytes=uuid.raw)}" if has_uuid else None))
     return devices
 
 

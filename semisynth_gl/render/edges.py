@@ -19,7 +19,7 @@ PATCHED_INSTANCE = np.dtype([
 ])  # fmt: skip
 """The struct PatchedInstance of edges.geom, std430."""
 
-_FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256  # for which the buffers are made at first
+_FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256  # initial capacities of the buffers
 # Bindings of edges.geom.
 _VERTICES, _INSTANCES, _STRIPS = 0, 5, 6
 # Texture units of edges.frag and edges.geom, after those of the atlases and of a projector's light.
@@ -46,7 +46,7 @@ class EdgeBlendPass:
         self._depth_table = gl.texture_array((1, 1, 1), 1, dtype="f4")
 
     def draw(self, view: EyeView, *, lit: bool) -> None:
-        """Antialias a part of a view's colour, by the depth that the drawing pass has left in the view's targets.
+        """Antialias a view's colour along outlines, by the depth that the drawing pass has left in its targets.
 
         ``lit`` says whether a projector's light is bound for this eye; see `ProjectorLight.bind`.
         """

@@ -25,8 +25,9 @@ MOVE = np.dtype([
 ])  # fmt: skip
 """The struct Move of flow.comp, std430: the point c + q moves to c + s + (I + C) q; C is the change, s the shift."""
 
-_MOVES_BINDING, _FEWEST_MOVES = 4, 256
-# Limit of the entries of C, for float32. An instance that grows by more was too small to be visible before.
+_MOVES_BINDING = 4
+_FEWEST_MOVES = 256  # initial capacity of the buffer
+# Entries of C are clipped to this value, to fit into float32. An instance that grows by more was invisible before.
 _LARGEST_CHANGE = 1e30
 
 

@@ -36,7 +36,7 @@ COMMAND = np.dtype(
 )
 """OpenGL's DrawElementsIndirectCommand."""
 
-_FEWEST_INSTANCES = 256  # for which the buffers are made at first
+_FEWEST_INSTANCES = 256  # initial capacity of the buffers
 # Texture units of common_triangles.glsl.
 _CORNERS_UNIT, _INSTANCE_ROWS_UNIT = 4, 5
 # In these textures, a triangle or an instance takes three texels, and a row holds 1024 of either.
@@ -56,11 +56,8 @@ class InstanceRange:
 class SceneBuffers:
     """A renderer's models on the GPU, and the instances and draw commands of one view.
 
-    Args:
-        gl: the context.
-        models: at least one mesh.
-        atlas_ends: `PatchTextures.ends`.
-        with_triangles: whether shaders look up triangles by number; see `bind_triangles`.
+    ``atlas_ends`` is `PatchTextures.ends`. ``with_triangles`` says whether shaders look up triangles by number; see
+    `bind_triangles`.
 
     Attributes:
         meshes: the meshes.
@@ -115,7 +112,7 @@ class SceneBuffers:
         instances come before far ones, so that few hidden surfaces are shaded.
         """
         scene, view_from_model = transforms.scene, transforms.rows(eye)
-        # Near and far do not matter to the sky.
+        # The near plane, which `in_view` tests, does not cut the sky.
         seen = np.flatnonzero(transforms.in_view(eye, part) | scene.sky)
         fronts_only = transforms.fronts_only(eye)[seen]
         atlas = np.searchsorted(self._atlas_ends, scene.layer[seen], side="right")

@@ -22,7 +22,7 @@ from semisynth_gl.frame.channels import (
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, shown
 
-_MOTION_OUTPUTS = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
+_OUTPUTS_OF_MOTION = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
 
 CHANNELS_OF_BOTH_EYES = frozenset({"disparity", "visibility", "correspondence", "disparity_change"})
 """The channels of a view that depend on the other eye. Pairs that share a view share all its other channels."""
@@ -83,7 +83,7 @@ class RenderOptions:
 
     def outputs_of(self, motion: str) -> list[str]:
         """Return the outputs that need a motion of the scene, "future" or "past"."""
-        return sorted(self.outputs & _MOTION_OUTPUTS[motion])
+        return sorted(self.outputs & _OUTPUTS_OF_MOTION[motion])
 
     def channels_of(self, pass_name: str) -> list[Channel[Any]]:
         """Return the channels that a pass writes."""

@@ -17,10 +17,7 @@ _MOST_AT_ONCE = 2**16
 
 
 class OutlineFinder:
-    """Finds the outlines in scenes that are made of these models.
-
-    ``vertex_number`` is that of `SceneBuffers`; results use its numbers.
-    """
+    """Finds the outlines in scenes of these models. ``vertex_number`` is that of `SceneBuffers`."""
 
     def __init__(self, models: Sequence[Mesh], vertex_number: NDArray[np.uint32]) -> None:
         self._models = models
@@ -34,16 +31,11 @@ class OutlineFinder:
         self._first: dict[int, int] = {}
 
     def find(self, transforms: InstanceTransforms, eye: Eye, seen: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """Find the outlines of instances that one eye may see, far instances first.
-
-        Args:
-            transforms: the scene's instances.
-            eye: the eye.
-            seen: (M,) the instances' numbers.
+        """Find the outlines of instances that one eye may see, far instances first; ``seen`` (M,) are their numbers.
 
         Returns:
             (N, 4) uint32: the instance, and three vertices of the visible triangle beside the edge: the edge's start,
-            its end, and the opposite corner.
+            its end, and the opposite corner. Vertices have the numbers of `SceneBuffers.vertices`.
         """
         scene, rows = transforms.scene, transforms.rows(eye)
         # Near outlines must cover far ones. The order is that of drawing: by the far ends of the instances.
@@ -56,23 +48,23 @@ class OutlineFinder:
             for group in np.array_split(of_model, ceil(len(of_model) * len(edges.border) / _MOST_AT_ONCE)):
                 member, edge, below = _silhouettes(edges, eyes[group])
                 found.append((group[member], edge + self._first[number], below))
-        position, edge, below = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        index, edge, below = (np.concatenate(parts) for parts in zip(*found, strict=True))
         # A triangle is in front if its plane separates the eye from the triangle on the other side of the edge.
-        eye_below = below ^ (eyes[position, 3] < 0)
+        eye_below = below ^ (eyes[index, 3] < 0)
         first = self._border[edge] | (eye_below != self._below[0, edge])
         second = ~first & (eye_below != self._below[1, edge])
         # Of a solid, the eye sees only front faces. It is above the plane of a first triangle whose front it sees, and
         # below that of a second one, which `MeshEdges` turns round.
-        solid = transforms.solid[seen][position]
+        solid = transforms.solid[seen][index]
         first &= ~(solid & eye_below)
         second &= ~solid | eye_below
         chosen = np.flatnonzero(first | second)
-        position, edge, side = position[chosen], edge[chosen], second[chosen]
+        index, edge, side = index[chosen], edge[chosen], second[chosen]
         # NumPy sorts numbers of up to 16 bits fastest.
-        order = np.argsort((2 * position + side).astype(np.min_scalar_type(2 * len(seen))), kind="stable")
-        position, edge, side = position[order], edge[order], side[order]
+        order = np.argsort((2 * index + side).astype(np.min_scalar_type(2 * len(seen))), kind="stable")
+        index, edge, side = index[order], edge[order], side[order]
         strips = np.empty((len(order), 4), np.uint32)
-        strips[:, 0] = seen[position]
+        strips[:, 0] = seen[index]
         strips[:, 1:] = self._corners[side.astype(int), edge]
         return strips
 

@@ -16,18 +16,13 @@ _UNIT = 0  # texture unit of the sampler in mesh.frag
 class PatchTextures:
     """The patch atlases of a renderer on the GPU.
 
-    Args:
-        context: the context.
-        atlases: A arrays, all (L, P, P, 4) uint8 RGBA or all (L, P, P) uint8 grey; row 0 is the top.
-        mirrored: whether a patch is mirrored beyond its border; else it repeats.
+    ``atlases`` are A arrays, all (L, P, P, 4) uint8 RGBA or all (L, P, P) uint8 grey; row 0 is the top. Beyond its
+    border, a patch repeats, or is ``mirrored``. Raises BackendError where the driver cannot hold an atlas.
 
     Attributes:
-        grey: whether the atlases are grey; shaders then read the grey values from the first component.
+        grey: whether the atlases are grey: textures of one component.
         ends: (A,) int64, cumulative number of patches: atlas k has the layers ends[k - 1] to ends[k] - 1 of a scene.
         sides_px: (A,) int64, side of each atlas's patches.
-
-    Raises:
-        BackendError: where the driver cannot hold an atlas.
     """
 
     def __init__(self, context: GraphicsContext, atlases: Sequence[NDArray[np.uint8]], *, mirrored: bool) -> None:

@@ -32,7 +32,7 @@ def link_program(
 
 
 def link_meshes(context: GraphicsContext, defines: Mapping[str, int]) -> moderngl.Program:
-    """Link mesh.vert and mesh.frag, with these definitions for mesh.frag; raise BackendError as `link_program` does."""
+    """Link mesh.vert and mesh.frag as `link_program` does. Define SNAPPED if the driver rounds triangles' corners."""
     steps = context.corner_steps
     snapped = {} if steps is None else {"SNAPPED": steps}
     return link_program(context, "mesh.vert", "mesh.frag", {**defines, **snapped})

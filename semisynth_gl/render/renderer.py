@@ -105,9 +105,9 @@ class Renderer:
         _check_atlases(atlases)
         self._options = RenderOptions.of(outputs, truth, antialias, rectified=rectified, signed=signed)
         check_one_of("wrap", wrap, get_args(Wrap))
-        for name, most in (("anisotropy", anisotropy), ("large_anisotropy", large_anisotropy)):
-            if most not in range(1, 17):
-                raise InputError(f"{name} must be a whole number from 1 to 16, got {most}")
+        for name, samples in (("anisotropy", anisotropy), ("large_anisotropy", large_anisotropy)):
+            if samples not in range(1, 17):
+                raise InputError(f"{name} must be a whole number from 1 to 16, got {samples}")
         self.listener: Listener | None = None
         self._context = open_context(backend, device_index)
         try:

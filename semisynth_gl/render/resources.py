@@ -23,5 +23,5 @@ class RenderResources:
     anisotropies: tuple[int, ...]  # for each atlas, the maximum number of samples of a patch for one pixel
     constants: ConstantsBuffer
     options: RenderOptions
-    read: PixelReader  # reads the pixels that were drawn
+    read: PixelReader  # reads pixels from framebuffers
     pattern: NDArray[np.uint8] | None = None  # (H, W), the pattern of the scenes' projectors

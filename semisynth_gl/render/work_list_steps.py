@@ -25,18 +25,8 @@ class WorkListSteps:
     """A compute shader in steps: the first step decides tiles of the image, later steps the entries of work lists.
 
     In the shader, STEP is the number of the step. The uniform `band` is the part of the image to process: left column,
-    first row, width and height, in tiles.
-
-    Args:
-        context: the context.
-        shader: the shader's file.
-        steps: number of steps.
-        tile_px: side of a tile.
-        entries: maximum number of entries of all lists together, for each tile.
-        defines: numbers to define in the shader; see `shader_source`.
-
-    Raises:
-        BackendError: where the driver refuses the shader.
+    first row, width and height, in tiles of side ``tile_px``. For each tile, all lists together have room for
+    ``entries`` entries. Raises BackendError where the driver refuses the shader.
     """
 
     def __init__(
@@ -61,7 +51,7 @@ class WorkListSteps:
                 step[name] = value
 
     def run(self, part: Crop) -> None:
-        """Process a part of the image, extended to whole tiles of the image; later commands see the result."""
+        """Process a part of the image, extended to whole tiles of the image. Later commands see the result."""
         x, y = part.x_px // self._tile_px, part.y_px // self._tile_px
         columns, bottom = ceil(part.right_px / self._tile_px) - x, ceil(part.bottom_px / self._tile_px)
         rows = max(1, _MOST_PIXELS // (self._tile_px**2 * columns))
