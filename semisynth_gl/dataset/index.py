@@ -107,7 +107,6 @@ def encode_card(plan: DatasetPlan, index: Mapping[str, Any]) -> bytes:
 def _configs(plan: DatasetPlan) -> list[dict[str, Any]]:
     """Return the card's configs, which tell the hub what to load: all tars, or one config for each role of images."""
     if plan.layout.packed:
-        # All tars of a split have the same name but for the number at its end.
         tars = {shard.split: f"{shard.tar.rpartition('-')[0]}-*.tar" for shard in plan.shards}
         files = [{"split": split, "path": tars[split]} for split in plan.splits]
         return [{"config_name": "default", "data_files": files}]

@@ -17,7 +17,7 @@ from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.channels import CHANNELS, MOTION_OUTPUTS, ViewArrays
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts.layout import Layout, PairKey, view_stems
-from semisynth_gl.layouts.roles import ROLES, StorablePair
+from semisynth_gl.layouts.roles import FILE_ROLES, StorablePair
 from semisynth_gl.seeds.splits import SplitName
 
 _PAIR_LINE = "{left} {right} {disparity_left}\n"
@@ -83,7 +83,8 @@ _ETH3D = Layout(
     three_channels=True,  # for RAFT-Stereo's demo; ETH3D's own grey images have three channels too
 )
 
-# im1E and im1L are the right image one stop darker and one stop brighter. torchvision selects scenes by the ending.
+# im1E and im1L are the right image one stop darker and one stop brighter. torchvision selects the scenes that end in
+# ``-perfect``.
 _MIDDLEBURY_2014 = Layout(
     stems=_below(
         "2014/{name}-perfect/",
@@ -163,6 +164,7 @@ _KITTI = Layout(
 _THINGS = "SceneFlow/FlyingThings3D"
 _CLEAN = "frames_cleanpass"
 _FRAMES = 1000
+# The scenes of SceneFlow's Driving.
 _DRIVING = [
     f"{length}mm_focallength/scene_{way}wards/{speed}"
     for length in (35, 15)
@@ -218,9 +220,9 @@ _SCENEFLOW = Layout(
 )
 
 
-# CREStereo. Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision needs pairs in all four. CREStereo's own
-# dataset has only images and disparities. WAFT-Stereo looks for the pairs a folder deeper than torchvision. The links
-# for it are outside ``CREStereo``, since CREStereo's own loader walks that folder.
+# CREStereo. Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision needs pairs in all four folders.
+# CREStereo's dataset has only images and disparities. WAFT-Stereo looks for the pairs a folder deeper than torchvision.
+# Its links are outside ``CREStereo``, since CREStereo's loader reads all files below that folder.
 
 _KINDS = ("shapenet", "reflective", "tree", "hole")
 
@@ -292,7 +294,9 @@ class _WebDatasetJson(JsonObject):
 _WEBDATASET = Layout(
     stems=_below("{index:08d}.", _without_flow(image="{view}", disparity="disp{n}", visibility="mask{n}") | _FLOW)
     | {"provenance": "{index:08d}"},
-    roles={"provenance": replace(ROLES["provenance"], codec=lambda _: _WebDatasetJson(), value=_webdataset_values)},
+    roles={
+        "provenance": replace(FILE_ROLES["provenance"], codec=lambda _: _WebDatasetJson(), value=_webdataset_values)
+    },
     packed=True,
 )
 

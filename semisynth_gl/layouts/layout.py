@@ -7,7 +7,7 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.channels import CHANNELS, MOTION_OUTPUTS, TruthViews
-from semisynth_gl.layouts.roles import ROLES, FileRole
+from semisynth_gl.layouts.roles import FILE_ROLES, FileRole
 from semisynth_gl.seeds.splits import SplitName
 
 _SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", "test": "test"}
@@ -71,7 +71,7 @@ class Layout:
         flow_links: more links, in datasets with an output of flow.
         folders: folders that loaders list even if they are empty.
         splits_in_root: splits whose files are in the dataset's root, not in a folder named after the split.
-        roles: roles that replace those of `ROLES` with the same name.
+        roles: roles that this layout uses instead of those of `FILE_ROLES` with the same name.
         packed: whether the files of a shard are packed into one tar; else they are in folders.
         needs: outputs that every dataset in this layout must have.
         lacks: outputs for which the layout has no files, since none of its loaders could read them.
@@ -97,7 +97,7 @@ class Layout:
 
     def role(self, name: str) -> FileRole:
         """Return a role by its name; raises KeyError for an unknown name."""
-        return self.roles.get(name) or ROLES[name]
+        return self.roles.get(name) or FILE_ROLES[name]
 
     def files(
         self, key: PairKey, encodings: Encodings, outputs: Collection[str] | None = None, truth: TruthViews = "both"

@@ -1,6 +1,6 @@
 """The roles of files: the content of a pair's file, its encoding, and the output that it belongs to.
 
-A role is the name of an array of a frame (see `semisynth_gl.frame.channels.ROLES`), or another name in `ROLES` below.
+`FILE_ROLES` lists all roles. Some have the name of an array of a frame, as in `semisynth_gl.frame.channels.ROLES`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -81,7 +81,7 @@ def mask_from_not_occluded(
 
 
 def restore_outside(mask: NDArray[np.uint8], truth: NDArray[np.float32], eye: Eye) -> NDArray[np.uint8]:
-    """Return a frame's mask from a file's: points that are OCCLUDED in it and outside the other image become OUTSIDE.
+    """Return a frame's mask from a file's ``mask``: OCCLUDED points that lie outside the other image become OUTSIDE.
 
     ``truth`` is the disparity or flow of the view ``eye``, (H, W) or (H, W, 2) float32 px, inf where unknown. Since
     files round disparities, the result may differ from the frame's mask at the border. A 0 in the file stays 0.
@@ -181,7 +181,7 @@ def _roles_of(eye: Eye) -> dict[str, FileRole]:
     return roles
 
 
-ROLES: Mapping[str, FileRole] = {
+FILE_ROLES: Mapping[str, FileRole] = {
     **_roles_of("left"),
     **_roles_of("right"),
     "right_under": FileRole(

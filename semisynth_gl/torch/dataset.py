@@ -130,15 +130,17 @@ class StereoDataset(PairDataset):
     """A map-style dataset of the pairs of a written dataset in any layout.
 
     A sample is a dictionary, see `to_sample`. It equals the sample of a `StereoStream`, except for values that files
-    round, as JPEG and 16-bit PNG do. Each access opens and closes the pair's files, so the dataset can be
-    pickled, and workers may be forked or spawned. OpenGL is not needed.
+    round, as JPEG and 16-bit PNG do. Each access opens and closes the pair's files, so the dataset can be pickled, and
+    workers may be forked or spawned. OpenGL is not needed.
 
     Args:
         address: the dataset's folder, or an address that fsspec knows.
         split: a split of the dataset; None for all pairs, training pairs first.
-        crop, augmentation, transform: see `StereoStream`.
+        crop: height and width, px, of a random crop of each pair; None for whole images.
         seed: seed of crops and augmentation. By default it is the dataset's seed, which gives the same crops and
             changes as a `StereoStream`.
+        augmentation: changes of each pair, before the transform.
+        transform: a function of the sample; its result replaces the sample.
 
     Attributes:
         pairs: the result of `open_dataset`; ``dataset.pairs[i].provenance`` says how a pair was made.

@@ -18,7 +18,7 @@ from semisynth_gl.frame.camera import EYES, CameraDeviation, Crop, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.layouts.roles import ROLES as FILE_ROLES
+from semisynth_gl.layouts.roles import FILE_ROLES
 
 CAMERA = StereoCamera.centred(5, 4, 6.0, 0.1)
 
