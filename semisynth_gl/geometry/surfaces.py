@@ -192,17 +192,19 @@ def _planar_uv(points: Floats, normal: Floats) -> Floats:
     return np.stack([points @ u[0], points @ v[0]], axis=1)
 
 
-# The corners of a box's sides -x, +x, -y, +y, -z and +z, anticlockwise seen from outside. The corner (x, y, z) of the
-# unit cube has the number 4 x + 2 y + z.
-_BOX_SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+# The corners of the unit cube, in the order of 4 x + 2 y + z.
+_CORNERS: Final = np.array(list(product((0, 1), repeat=3)))
+# The four corners of each side, anticlockwise seen from outside: of boxes, whose sides are -x, +x, -y, +y, -z and +z,
+# and of cells, whose sides are +z, -z, -x, +x, -y and +y.
+_BOX_SIDES: Final = _CORNERS[[[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]]
+_CELL_SIDES: Final = _CORNERS[[[1, 5, 7, 3], [0, 2, 6, 4], [2, 0, 1, 3], [4, 6, 7, 5], [0, 4, 5, 1], [6, 2, 3, 7]]]
 
 
 def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     """Return a box about ``centre``, whose edges are parallel to the axes and have the lengths ``size``, (3,)."""
-    signs = np.array(list(product((-1, 1), repeat=3)))
-    corners = np.asarray(centre, np.float64) + signs * np.asarray(size, np.float64) / 2
-    sides, normals = corners[np.array(_BOX_SIDES)], [sign * axis for axis in np.eye(3) for sign in (-1, 1)]
-    uv = np.concatenate([_planar_uv(side, normal) for side, normal in zip(sides, normals, strict=True)])
+    signs = 2 * _BOX_SIDES - 1
+    sides = np.asarray(centre, np.float64) + signs * np.asarray(size, np.float64) / 2
+    uv = np.concatenate([_planar_uv(side, normal) for side, normal in zip(sides, signs.mean(axis=1), strict=True)])
     triangles = np.arange(0, 24, 4)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     return make_part("box", sides.reshape(-1, 3), uv, triangles.reshape(-1, 3))
 
@@ -238,17 +240,6 @@ def _at_height(polygon: Floats, z: float) -> Floats:
     return np.column_stack([polygon, np.full(len(polygon), z)])
 
 
-# The normals of a unit cube's sides, and the sides' corners, anticlockwise seen from outside.
-_CELL_SIDES: Final = (
-    ((0, 0, 1), ((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))),
-    ((0, 0, -1), ((0, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 0))),
-    ((-1, 0, 0), ((0, 1, 0), (0, 0, 0), (0, 0, 1), (0, 1, 1))),
-    ((1, 0, 0), ((1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0, 1))),
-    ((0, -1, 0), ((0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1))),
-    ((0, 1, 0), ((1, 1, 0), (0, 1, 0), (0, 1, 1), (1, 1, 1))),
-)
-
-
 def extruded_cells(solid: NDArray[np.bool_], x: Floats, y: Floats, height: float) -> Mesh:
     """Extrude the solid cells of a rectangular grid from z = 0 to ``height``.
 
@@ -261,11 +252,12 @@ def extruded_cells(solid: NDArray[np.bool_], x: Floats, y: Floats, height: float
     bounds[:, 1] = y[rows], y[rows + 1]
     bounds[1, 2] = height
     quads, uv = [], []
-    for normal, corners in _CELL_SIDES:
-        across, along, up = normal
+    for corners in _CELL_SIDES:
+        normal = (2 * corners - 1).mean(axis=0)
+        across, along, up = normal.astype(np.int64)
         is_open = ~padded[rows + 1 + along, columns + 1 + across] | (up != 0)
         quads.append(bounds[corners, np.arange(3)].transpose(2, 0, 1)[is_open].reshape(-1, 3))
-        uv.append(_planar_uv(quads[-1], np.array(normal, np.float64)))
+        uv.append(_planar_uv(quads[-1], normal))
     points = np.concatenate(quads)
     return make_part("cells", points, np.concatenate(uv), split_quads(np.arange(len(points)).reshape(-1, 4)))
 
