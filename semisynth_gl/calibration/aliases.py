@@ -32,7 +32,7 @@ _KEYS = {
     "T": r"t|tvec|trns|trans(lation(vec(tor)?)?)?",
     "R": r"r|om|rvec|rot(ation(vec(tor)?)?)?",  # rotation vectors
     "D": r"d|dist.*|.*coeff.*|kc",
-    "size": r"(im(age|g|ager)?)?(size|shape)|s|srect|resolution",
+    "size": r"(im(age|g|ager)?|frame)?(size|shape)|s|srect|resolution",
 }
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 # Keys of single numbers.

@@ -149,11 +149,12 @@ def _lines(text: str) -> dict[str, Any]:
     values: dict[str, Any] = {}
     section, name, rows = values, "", list[str]()
     for line in (each.strip() for each in (*text.splitlines(), "")):
-        numbers = _numbers(line) is not None
-        if rows and not (numbers and (name or len(rows[-1].split()) == len(line.split()))):
-            section[name or UNNAMED + "'" * len(values)] = " ".join(rows)
+        is_row = _numbers(line) is not None
+        goes_on = is_row and rows and (name or len(line.split()) == len(rows[-1].split()))
+        if rows and not goes_on:
+            section[name or UNNAMED + "'" * len(values)] = " ".join(rows)  # a different name for each unnamed array
             rows.clear()
-        if numbers:
+        if is_row:
             rows.append(line)
         elif heading := re.fullmatch(r"\[([A-Za-z_][^\]]*)\]", line):
             name, section = "", values.setdefault(heading[1], {})
