@@ -159,9 +159,7 @@ def stella(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     left = np.hstack([camera_matrix(fx, fy, cx, cy), np.zeros((3, 1))])
     right = left.copy()
     right[0, 3] = -product
-    made = {name: value for name, value in tree.items() if name[0] != "Camera" or isinstance(value, str)}
-    size = np.array([_number(tree, "Camera", key) for key in ("cols", "rows")])
-    return RenamedTree(made | {("P_left",): left, ("P_right",): right, ("size",): size})
+    return RenamedTree(tree | {("P_left",): left, ("P_right",): right})
 
 
 def matlab(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:

@@ -94,9 +94,7 @@ def find_stereo_arrays(
         tree = {name: value for name, value in tree.items() if key_and_camera(name, value)[1] in {"", *cameras}}
     arrays, notes = find_arrays(tree), list[str]()
     k, p, d = (_pair(arrays, kind, cameras) for kind in ("K", "P", "D"))
-    rectification = _pair(arrays, "R_rect", cameras)
-    if rectification is None and _pair(arrays, "T", cameras) is None:  # beside T of both cameras, R is not R1 and R2
-        rectification = _pair(arrays, "R", cameras)
+    rectification = _pair(arrays, "R_rect", cameras) or _pair(arrays, "R", cameras)
     pose = _stereo_pose(arrays, poses, cameras)
     p = p or _projections_of_right(arrays, cameras)
     if p is None and pose is None:
@@ -254,10 +252,9 @@ def _size(arrays: Arrays) -> ImageSize | None:
     """Return the size of the images; None if it is unknown. Raises FormatError if the cameras have two sizes."""
     sizes = set[ImageSize]()
     for width, height in (size.tolist() for size in arrays.get("size", {}).values()):
-        if not all(0 <= side == int(side) for side in (width, height)):
+        if not all(0 < side == int(side) for side in (width, height)):
             raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
-        if width and height:  # OpenCV's unknown size is 0 x 0
-            sizes.add(ImageSize(int(width), int(height)))
+        sizes.add(ImageSize(int(width), int(height)))
     if len(sizes) > 1:
         two = " and of ".join(map(str, sorted(sizes)[:2]))
         raise FormatError(f"has images of {two}: expected the same size for both cameras")

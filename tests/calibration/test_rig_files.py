@@ -570,6 +570,8 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
     np.testing.assert_allclose(rig.raw["left"].matrix, K2)
     rig = read_rig([path], cameras=("cam0", "cam2"))
     assert rig.camera.baseline_m == pytest.approx(np.linalg.norm((pose @ POSE)[:3, 3]))
+    with pytest.raises(InputError, match="swap left and right"):
+        read_rig([path], cameras=("cam2", "cam0"))
     rig = read(tmp_path, depthai("to the third"), cameras=("1", "0"))  # the device states another pair
     assert rig.camera.baseline_m == pytest.approx(np.linalg.norm(COLOUR_FROM_LEFT[:3, 3]) / 100)
     with pytest.raises(ReadError, match="describes no pair of cameras"):
