@@ -1,4 +1,4 @@
-"""Backends of OpenGL that this machine has, and the objects that a driver holds."""
+"""Which OpenGL backends work on this machine, and how many objects a driver holds."""
 
 import ctypes
 from functools import cache
@@ -11,7 +11,7 @@ from semisynth_gl.render.renderer import Renderer
 
 @cache
 def backend_fault(backend: Backend) -> str | None:
-    """Why a backend cannot be used here, or None."""
+    """Return the error of a backend that does not open here; None if it opens."""
     try:
         open_context(backend).release()
     except BackendError as error:
@@ -20,9 +20,9 @@ def backend_fault(backend: Backend) -> str | None:
 
 
 def count_objects(renderer: Renderer) -> dict[str, int]:
-    """How many objects the driver holds for a renderer, by kind; drivers hand out small names."""
+    """Count a renderer's OpenGL objects by kind. Drivers number objects from 1, so 2048 names are enough."""
     library = ctypes.CDLL("libOSMesa.so.8" if renderer.backend == "osmesa" else "libGL.so.1")
-    with renderer._gl:  # noqa: SLF001 - nobody else has the context
+    with renderer._gl:  # noqa: SLF001 - only the renderer has the context
         return {
             kind: sum(bool(getattr(library, f"glIs{kind}")(name) & 0xFF) for name in range(1, 2048))
             for kind in ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "Program", "VertexArray")

@@ -1,4 +1,4 @@
-"""Rigs of the tests, rectified and raw, and the calibration files that describe them."""
+"""Rectified and raw rigs, and calibration files that describe them."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ isint=0
 vmin=7
 vmax=61
 """
-# Of KITTI's raw recordings, 26 September 2011, as far as it counts.
+# The keys that we read of calib_cam_to_cam.txt in KITTI's raw recordings of 26 September 2011.
 KITTI = """calib_time: 09-Jan-2012 13:57:47
 corner_dist: 9.950000e-02
 S_02: 1.392000e+03 5.120000e+02
@@ -33,7 +33,7 @@ S_rect_03: 1.242000e+03 3.750000e+02
 P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.215377e+02 1.728540e+02 2.199936e+00 \
 0.000000e+00 0.000000e+00 1.000000e+00 2.729905e-03
 """
-# A rig before rectification; FISHEYE are coefficients of another lens.
+# A rig before rectification. FISHEYE: distortion coefficients of another lens.
 SIZE = (640, 480)
 K1 = np.array([[520.0, 0, 322], [0, 522, 236], [0, 0, 1]])
 K2 = np.array([[525.0, 0, 315], [0, 524, 243], [0, 0, 1]])
@@ -47,7 +47,7 @@ IMAGE = {"image_width": SIZE[0], "image_height": SIZE[1]}
 
 
 def projections(alpha=-1.0):
-    """What stereoRectify returns for the raw rig."""
+    """Rectify the raw rig by OpenCV's stereoRectify."""
     import cv2
 
     turned = cv2.stereoRectify(K1, D1, K2, D2, SIZE, R, T[:, None], flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha)
@@ -55,7 +55,7 @@ def projections(alpha=-1.0):
 
 
 def write_storage(path, values):
-    """Write values by OpenCV's own writer."""
+    """Write values with cv2.FileStorage."""
     import cv2
 
     file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
@@ -66,7 +66,7 @@ def write_storage(path, values):
 
 
 def matrices(camera=CAMERA, unit_m=1.0):
-    """(3, 4) projection matrices of a camera, in a unit of length."""
+    """Return the (3, 4) projection matrices of both eyes; the translation is in units of ``unit_m``."""
     left, right = (np.zeros((3, 4)) for _ in range(2))
     for p, cx in ((left, camera.cx_left_px), (right, camera.cx_right_px)):
         p[:, :3] = [[camera.focal_px, 0, cx], [0, camera.focal_y_px, camera.cy_px], [0, 0, 1]]
@@ -105,10 +105,8 @@ def matrix(name, value, *, space=" "):
 
 
 def plain_rig(focal_px, baseline_m, width_px, height_px):
-    """A rig with central principal points."""
     return RectifiedRig(StereoCamera.centred(width_px, height_px, focal_px, baseline_m), "x")
 
 
 def draft(rig, disparity):
-    """The draft of a config with one photograph."""
     return describe("x", rig, ["a"], disparity, [ImageSize(256, 256)])

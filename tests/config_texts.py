@@ -1,4 +1,4 @@
-"""Configs as texts of the tests."""
+"""Configs from texts."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -7,7 +7,7 @@ from semisynth_gl.config import Config, load_config
 
 
 def parse_config(text: str) -> Config:
-    """Return the config of a file that holds a text, which is called lab.yaml in messages."""
+    """Load a config from a text; error messages call its file lab.yaml."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "lab.yaml"
         path.write_text(text, "utf-8")

@@ -19,24 +19,24 @@ from semisynth_gl.render import Backend
 from semisynth_gl.render.context import context_facts
 from semisynth_gl.render.renderer import Renderer
 
-# The same examples in each run, however busy the machine is: a test is red for everybody, or for nobody.
+# Every run tests the same examples, without deadlines: a test fails for everybody or for nobody.
 settings.register_profile("fixed", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-# Others for each seed, and each property test several times (make test-heavy, whose seed is the commit).
+# `make test-heavy` tests other examples for each seed, and runs each property test several times.
 settings.register_profile("random", settings.get_profile("fixed"), derandomize=False, print_blob=True)
 settings.load_profile("fixed")
 RANDOM_ROUNDS = 5
 
-# A shell starts jobs in the background with interrupts ignored, and all that they start inherits it.
+# Shells start background jobs with SIGINT ignored, and child processes inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Tests share a cache, with the programs that they start and pytest's other workers, and leave the user's alone."""
+    """Give all workers of pytest, and the programs that they start, one cache that is not the user's."""
     base = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
-        # A worker has a folder of its own in that of the run.
+        # The temporary folder of an xdist worker is inside the run's folder.
         patch.setenv(
             "SEMISYNTH_GL_CACHE", str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "cache")
         )
@@ -45,7 +45,7 @@ def _cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
 
 @pytest.fixture(autouse=True)
 def _no_log_of_a_command() -> Iterator[None]:
-    """Remove the handler that a command leaves: it writes to the standard error of its test, which is closed then."""
+    """Remove the log handler that a command leaves, since pytest closes its stream after the test."""
     yield
     for handler in [each for each in logging.root.handlers if type(each) is logging.StreamHandler]:
         logging.root.removeHandler(handler)
@@ -53,7 +53,7 @@ def _no_log_of_a_command() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def one_thread() -> Generator[None]:
-    """Let PyTorch use one thread: threads that wait for each other are slow where tests of other processes run too."""
+    """Limit PyTorch to one thread: more threads are slow while other processes run tests."""
     import torch
 
     before = torch.get_num_threads()
@@ -63,14 +63,14 @@ def one_thread() -> Generator[None]:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Repeat property tests under the profile of random examples; their own numbers of examples stand beside them."""
+    """Repeat property tests under the profile "random"."""
     if metafunc.config.getoption("--hypothesis-profile") == "random" and hasattr(metafunc.function, "hypothesis"):
         metafunc.fixturenames.append("round_of_examples")
         metafunc.parametrize("round_of_examples", range(RANDOM_ROUNDS))
 
 
 def pytest_runtest_setup(item: pytest.Function) -> None:
-    """Seed each round of a property test anew: Hypothesis gives every round the examples of `--hypothesis-seed`."""
+    """Give each round its own seed: with `--hypothesis-seed`, Hypothesis would repeat the same examples."""
     first, params = item.config.getoption("--hypothesis-seed"), getattr(item, "callspec", None)
     if first is not None and params is not None and "round_of_examples" in params.params:
         seed(int(first) * RANDOM_ROUNDS + params.params["round_of_examples"])(item.function)
@@ -78,10 +78,7 @@ def pytest_runtest_setup(item: pytest.Function) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark what draws, and leave out OSMesa's turn of long tests where EGL is software too: both draw the same bytes.
-
-    `test_both_software_backends_give_the_same_bytes` holds them to that.
-    """
+    """Mark the tests that render, and skip long tests on OSMesa where EGL is llvmpipe too."""
     for item in items:
         if "backend" in item.fixturenames:
             item.add_marker("opengl")
@@ -100,7 +97,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(params=["egl", "osmesa"])
 def backend(request: pytest.FixtureRequest) -> Backend:
-    """Each backend in turn; one that this machine lacks is skipped, unless CI says that it must be there."""
+    """Run a test on each backend. A backend that fails to open skips it, or fails it where CI expects the backend."""
     fault = backend_fault(request.param)
     if fault:
         if request.param in os.environ.get("SEMISYNTH_GL_EXPECT_BACKENDS", "").split():
@@ -111,7 +108,7 @@ def backend(request: pytest.FixtureRequest) -> Backend:
 
 @pytest.fixture
 def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
-    """Open renderers on the backend under test; they are checked for OpenGL errors and released afterwards."""
+    """Open renderers on the backend under test; check them for OpenGL errors and release them after the test."""
     opened: list[Renderer] = []
 
     def opener(models: list[Mesh], layers: np.ndarray, **options: object) -> Renderer:
@@ -120,9 +117,9 @@ def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
 
     yield opener
     for renderer in opened:
-        # `Renderer.render` raises the errors of drawing; this finds those of all other calls.
-        if renderer._free.alive:  # noqa: SLF001 - a context that was released has no errors to tell
-            with renderer._gl as context:  # noqa: SLF001 - nobody else has the context
+        # `Renderer.render` checks for OpenGL errors itself; this finds the errors of other calls.
+        if renderer._free.alive:  # noqa: SLF001 - a released context has no error state
+            with renderer._gl as context:  # noqa: SLF001 - only the renderer has the context
                 assert context.error == "GL_NO_ERROR"
         renderer.release()
 
@@ -131,7 +128,7 @@ def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
 def program(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Callable[..., Ended]:
-    """Run the program in this process, in a folder of the test."""
+    """Run the program in this process, in the test's temporary folder."""
 
     def run(*arguments: object) -> Ended:
         monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""What tests measure of meshes, independently of how they were built."""
+"""Measures of meshes: stretch, topology, volume, crossings."""
 
 import numpy as np
 from trimesh import Trimesh
@@ -6,22 +6,22 @@ from trimesh.graph import connected_component_labels
 
 from semisynth_gl.geometry.mesh import Mesh
 
-# The unit vector furthest from its nearest direction of projection is equally far from a face, an edge and a corner of
-# a cube next to each other: it lies along x with F x = (1, 1, 1), where the rows of F are those three directions. A
-# projected length shrinks at most by the cosine of its angle, 1 / |x|.
+# `project_uv` projects along the directions of a cube's faces, edges and corners. The worst normal is at equal angles
+# to three neighbouring directions, the rows of F: it is parallel to x, where F x = (1, 1, 1). The cosine of that
+# angle, 1 / |x|, is how much a projected length shrinks at most.
 _FACE_EDGE_CORNER = np.array([[0, 0, 1], [0, 1, 1], [1, 1, 1]]) / np.sqrt([[1], [2], [3]])
 STRETCH_BOUND = float(np.linalg.norm(np.linalg.solve(_FACE_EDGE_CORNER, np.ones(3))))
-"""Largest ratio of a length on a surface to its length in the UV of `project_uv`, about 1.13; the smallest is 1."""
+"""Largest ratio of a length on the surface to its length in UV, about 1.13; the smallest ratio is 1."""
 
 
 def stretch(mesh: Mesh) -> np.ndarray:
-    """(T,) factor by which the texture is drawn out or squeezed in its worst direction; 1 where it lies true."""
+    """Return how much UV stretches or squeezes each triangle in its worst direction, (T,); 1 is undistorted."""
     singular = np.linalg.svd(jacobians(mesh), compute_uv=False)
     return np.maximum(singular[:, 0], 1 / np.maximum(singular[:, 1], 1e-12))
 
 
 def jacobians(mesh: Mesh) -> np.ndarray:
-    """(T, 2, 2) derivatives of uv by position in each triangle's own plane, its normal upwards."""
+    """Return the derivatives of uv by position in each triangle's plane, (T, 2, 2), seen from the normal's side."""
     corners, uv = mesh.positions.astype(float)[mesh.triangles], mesh.uv.astype(float)[mesh.triangles]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     x = first / np.linalg.norm(first, axis=1, keepdims=True)
@@ -33,48 +33,47 @@ def jacobians(mesh: Mesh) -> np.ndarray:
 
 
 def areas(mesh: Mesh) -> np.ndarray:
-    """(T,) areas of the triangles."""
     return Trimesh(mesh.positions, mesh.triangles, process=False).area_faces
 
 
 def surface(mesh: Mesh) -> Trimesh:
-    """The surface alone: vertices whose positions are equal are one."""
+    """Merge vertices at the same position."""
     grid = np.round(mesh.positions.astype(float) / (1e-5 * np.abs(mesh.positions).max())).astype(np.int64)
     _, first, vertex = np.unique(grid, axis=0, return_index=True, return_inverse=True)
     return Trimesh(mesh.positions[first], vertex.ravel()[mesh.triangles], process=False)
 
 
 def edge_balance(mesh: Mesh) -> int:
-    """How many edges are not run through as often in one sense as in the other; 0 for a closed, oriented surface."""
+    """Count the edges whose triangles do not use both directions equally often; 0 for a closed, oriented surface."""
     bare = surface(mesh)
     sense = np.where(bare.edges[:, 0] < bare.edges[:, 1], 1, -1)
     return int((np.bincount(bare.edges_unique_inverse, sense) != 0).sum())
 
 
 def edge_sharing(mesh: Mesh) -> np.ndarray:
-    """(E,) how many triangles share each edge; 2 of all edges for a closed surface without pinches."""
+    """Count the triangles at each edge, (E,); all 2 for a closed manifold surface."""
     return np.bincount(surface(mesh).edges_unique_inverse)
 
 
 def euler_characteristic(mesh: Mesh) -> int:
-    """Vertices - edges + faces; 2 - 2 * handles for one closed surface."""
+    """Return vertices - edges + faces: 2 - 2 * handles for one closed surface."""
     return surface(mesh).euler_number
 
 
 def volume(mesh: Mesh) -> float:
-    """Volume inside a closed surface, positive where its normals point outwards."""
+    """Return the volume inside a closed surface, positive if its normals point outwards."""
     return Trimesh(mesh.positions, mesh.triangles, process=False).volume
 
 
 def components(mesh: Mesh) -> list[Mesh]:
-    """Connected parts, by position."""
+    """Split a mesh into connected parts; vertices at the same position connect."""
     bare = surface(mesh)
     part = connected_component_labels(bare.edges)[bare.faces[:, 0]]
     return [Mesh(mesh.name, mesh.positions, mesh.uv, mesh.triangles[part == each]) for each in np.unique(part)]
 
 
 def crossings(mesh: Mesh, origin: np.ndarray, direction: np.ndarray) -> int:
-    """How many triangles a ray meets."""
+    """Count the triangles that a ray hits."""
     corners = mesh.positions.astype(float)[mesh.triangles]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(direction, second)

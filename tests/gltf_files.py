@@ -1,4 +1,4 @@
-"""glTF files of one triangle, (0, 0, 0) (1, 0, 0) (0, 1, 0), and such files with other parts."""
+"""glTF files of one triangle, (0, 0, 0) (1, 0, 0) (0, 1, 0), some with changed parts."""
 
 import base64
 import json
@@ -9,7 +9,7 @@ DATA = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).deco
 
 
 def document(uri=None, **parts):
-    """A glTF whose buffer lies at ``uri``; None for that of a GLB."""
+    """Return a glTF document whose buffer is the file ``uri``; None for a GLB, which contains its buffer."""
     return {
         "asset": {"version": "2.0"},
         "scenes": [{"nodes": [0]}],

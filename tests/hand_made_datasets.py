@@ -1,4 +1,4 @@
-"""Whole datasets of pairs made by hand, with plan, records and index, as the program writes them; no OpenGL."""
+"""Datasets of hand-made pairs, written without OpenGL: plan, records, index and files."""
 
 import numpy as np
 from hand_made_pairs import CAMERA, make_frame, make_provenance
@@ -19,7 +19,7 @@ SEED = 3
 
 
 def sources_of(plan, level=0):
-    """One model, and two patches of one grey level."""
+    """Return sources of one model and two patches of the grey level ``level``."""
     mesh = make_mesh("solid", np.eye(3, dtype=np.float32), np.zeros((3, 2), np.float32), np.array([[0, 1, 2]]))
     atlas = atlas_from_arrays([np.full((4, 4, 3), level, np.uint8)] * 2, ["a.png", "b.png"])
     library = ModelLibrary((mesh,), np.arange(1), np.ones(1), MeanModelRelief(0.5, np.zeros(16)), (), 0)
@@ -27,7 +27,7 @@ def sources_of(plan, level=0):
 
 
 def config_of(**values):
-    """The config that `CAMERA` and `make_frame` go with."""
+    """Return a config with the camera and outputs of `make_frame`."""
     camera = {"width_px": CAMERA.width_px, "height_px": CAMERA.height_px, "focal_px": CAMERA.focal_px}
     camera |= {"baseline_m": CAMERA.baseline_m, "doffs_px": CAMERA.doffs_px}
     base = {"name": "lab", "camera": camera, "disparity": {"min_px": 1, "max_px": 200}, "outputs": ["visibility"]}
@@ -35,7 +35,7 @@ def config_of(**values):
 
 
 def pairs_of(plan, shard):
-    """The pairs of a shard, as files."""
+    """Yield a shard's pairs, encoded."""
     for number in range(shard.first, shard.end):
         made = {name: plan.values()[name] for name in ("version", "config", "config_sha256", "seed")}
         provenance = make_provenance(number) | made | {"split": shard.split}
@@ -45,7 +45,7 @@ def pairs_of(plan, shard):
 
 
 def plan_of(layout, pairs, shard_pairs, config=None, level=0, seed=SEED):
-    """The plan of a dataset of `make_frame`'s pairs, whose patches have a grey level; and its sources."""
+    """Return the plan and the sources of a dataset of `make_frame`'s pairs."""
     plan = make_plan(config or config_of(), seed, layout, pairs, shard_pairs)
     sources = sources_of(plan, level)
     digests = {split: dict(split_sources.digests()) for split, split_sources in sources.items()}
@@ -53,7 +53,7 @@ def plan_of(layout, pairs, shard_pairs, config=None, level=0, seed=SEED):
 
 
 def write_dataset(out, layout, pairs, shard_pairs, config=None, *, overwrite=False, **options):
-    """Write a dataset of `make_frame`'s pairs, or what it lacks; return the numbers of the shards that it lacked."""
+    """Write the missing shards of a dataset of `make_frame`'s pairs; return their numbers."""
     plan, sources = plan_of(layout, pairs, shard_pairs, config, **options)
     root = open_root(out)
     with locked(root):

@@ -1,4 +1,4 @@
-"""Pairs made by hand, encoded and written in any layout."""
+"""Hand-made pairs, encoded in any layout."""
 
 from pathlib import Path
 
@@ -18,11 +18,11 @@ RAW = 36, 50
 
 
 def make_view(rng, index, side):
-    """Every channel of one eye; image and disparity are marked with the pair's number at (4, 4)."""
+    """Make every channel of one eye. Image and disparity encode the pair's number at (4, 4)."""
     height, width = CAMERA.height_px, CAMERA.width_px
     image = rng.integers(0, 256, (height, width, 3), np.uint8)
     image[:8, :8] = index % 32 * 8, 0 if side == "left" else 255, 128
-    # Never where rounding decides whether a point leaves the image.
+    # The fraction keeps points off the image's border, where rounding would decide whether they are outside.
     disparity = (rng.integers(1, 30, (height, width)) + rng.uniform(0.2, 0.3, (height, width))).astype(np.float32)
     disparity[rng.random((height, width)) < 0.1] = np.inf
     disparity[4, 4] = index + (1.25 if side == "left" else 101.25)
@@ -32,7 +32,7 @@ def make_view(rng, index, side):
     channels["depth"] = np.where(np.isfinite(disparity), CAMERA.depth_m(disparity), np.inf).astype(np.float32)
     channels["instances"] = rng.integers(0, 9, (height, width), np.uint16)
     for kind in ("flow", "flow_backward"):
-        # Never where rounding decides whether a point leaves the image.
+        # As for the disparity.
         flow = rng.integers(-20, 20, (height, width, 2)) + rng.uniform(0.2, 0.3, (height, width, 2))
         flow[rng.random((height, width)) < 0.1] = np.inf
         channels[kind] = flow.astype(np.float32)
@@ -50,7 +50,7 @@ def make_view(rng, index, side):
 
 
 def mask_of(rng, ways):
-    """A mask that goes with the vectors from pixels to their points elsewhere."""
+    """Make a visibility mask for vectors from pixels to their points in another image."""
     height, width = ways.shape[:2]
     column, row = np.arange(width) + ways[..., 0], np.arange(height)[:, None] + ways[..., 1]
     inside = (column >= -0.5) & (column < width - 0.5) & (row >= -0.5) & (row < height - 0.5)
@@ -69,7 +69,7 @@ def make_frame(index, outputs=OUTPUTS, truth="both"):
 
 
 def make_provenance(index):
-    """As the pipeline makes them: some keys are there only for some pairs, and 1 stands beside 0.5."""
+    """Make a record like the pipeline's: some pairs lack some keys, and numbers mix int and float."""
     provenance = {
         "pair": index,
         "split": "train",
@@ -95,7 +95,7 @@ def make_provenance(index):
 
 
 def encode(*arguments, **options):
-    """The files of a pair, by their paths."""
+    """Return a pair's files by path."""
     return encoded(*arguments, **options).files
 
 

@@ -1,4 +1,4 @@
-"""Packages of hundreds of MB, which the tests of `make test` do without."""
+"""Packages of hundreds of MB that `make test` does not install."""
 
 from types import ModuleType
 
@@ -6,5 +6,5 @@ import pytest
 
 
 def heavy(name: str) -> ModuleType:
-    """Import a package, or skip what needs it and say how to have it."""
+    """Import a package, or skip the test with a hint how to install it."""
     return pytest.importorskip(name, reason=f"{name.partition('.')[0]} is not installed: make test-heavy brings it")

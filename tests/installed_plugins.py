@@ -1,4 +1,4 @@
-"""Plug-in packages for the tests, installed in folders of their own."""
+"""Plug-in packages, installed into temporary folders."""
 
 import importlib
 import shutil
@@ -15,18 +15,18 @@ EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "acme-stereo"
 
 
 def build_example(folder, patch):
-    """Build the wheel of the example by its own pyproject.toml; return the wheel's path."""
+    """Build the example's wheel; return its path."""
     patch.chdir(shutil.copytree(EXAMPLE, folder / "acme-stereo", ignore=shutil.ignore_patterns("__pycache__")))
     return Path.cwd() / build.build_wheel(str(Path.cwd()))
 
 
 def unpack(wheel, folder):
-    """Install a wheel of Python modules alone: pip --target unpacks it likewise."""
+    """Install a pure Python wheel as `pip install --target` does."""
     shutil.unpack_archive(wheel, folder, "zip")
 
 
 def write_package(folder, code, version="0.3"):
-    """Write the installed package other-plugins with one module, whose `PLUGINS` has its plug-ins."""
+    """Write an installed package, other-plugins, whose module has the plug-ins in `PLUGINS`."""
     info = folder / f"other_plugins-{version}.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: other-plugins\nVersion: {version}\n")
@@ -35,7 +35,7 @@ def write_package(folder, code, version="0.3"):
 
 
 def find_anew():
-    """Forget which plug-ins there are, and their modules, as a new process would."""
+    """Forget the plug-ins that were found and their modules, as in a new process."""
     importlib.invalidate_caches()
     plugins.installed_plugins.cache_clear()
     find_layout.cache_clear()

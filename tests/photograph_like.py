@@ -1,4 +1,4 @@
-"""Images that are like photographs, for tests of what becomes of them."""
+"""Random images with the contrast of photographs."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ Pixels = NDArray[np.uint8]
 
 
 def noise(height: int, width: int, seed: int = 0) -> Pixels:
-    """Return pixels of independent levels."""
+    """Return white noise."""
     return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
@@ -25,7 +25,7 @@ def octaves(seed: int, height: int = 256, width: int = 256) -> Pixels:
 
 
 def save(folder: Path, **images: Pixels) -> list[Path]:
-    """Save images as PNG files of their names in a folder, which need not exist."""
+    """Save each image as NAME.png in a folder, and make the folder if it is missing."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, pixels in images.items():
         Image.fromarray(pixels).save(folder / f"{name}.png")

@@ -1,4 +1,4 @@
-"""Faults planted in the files of a dataset, and what `verify` finds of them."""
+"""Faults planted in a dataset's files, and the findings of `verify`."""
 
 import json
 
@@ -12,7 +12,7 @@ from semisynth_gl.codecs.png import GREY8, RGB8
 
 
 def findings(dataset, rays=0):
-    """What is found beside the digest, which gives every change of a file away."""
+    """Return verify's findings without those of digests, which any change of a file causes."""
     return [finding for finding in verified(dataset, rays).findings if finding.check != "sha256"]
 
 
@@ -21,7 +21,7 @@ def checks(dataset, rays=0):
 
 
 def change_file(path, change, codec=None):
-    """Change the array that a file holds; flow may have another codec than its name tells."""
+    """Change the array in a file. ``codec`` is for flow whose codec does not follow from the file's name."""
     if codec is None and path.suffix == ".png":
         changed = np.ascontiguousarray(change(np.asarray(Image.open(path))))
         codec = GREY8 if changed.ndim == 2 else RGB8
@@ -45,7 +45,7 @@ def swap(scene, *stems):
 
 
 def at_pixel(row, column, value):
-    """What changes an array at one pixel."""
+    """Return a function that sets one pixel of a copy of an array."""
 
     def change(array):
         array = array.copy()

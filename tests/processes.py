@@ -1,4 +1,4 @@
-"""Other processes, and what the program prints, as tests see them."""
+"""Processes that tests start, and what they print."""
 
 import os
 import re
@@ -13,7 +13,7 @@ PATIENCE_S = 120
 
 
 class Ended(NamedTuple):
-    """How a command ended, and what it printed."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -21,14 +21,14 @@ class Ended(NamedTuple):
 
 
 def assert_refused(ended, *words):
-    """A command refused its input: exit code 2, and nothing printed but a message with these words."""
+    """Check that a command refused its input: exit code 2, and only a message with these words."""
     assert (ended.code, ended.out, "Traceback" in ended.err) == (2, "", False), ended.err
     for word in words:
         assert str(word) in ended.err
 
 
 def run_python(*arguments, cwd=None, **environment):
-    """Run Python in a process of its own, with other variables of its environment."""
+    """Run Python in a new process with additional environment variables."""
     command = [sys.executable, *map(str, arguments)]
     done = subprocess.run(
         command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True, check=False, timeout=PATIENCE_S
@@ -37,7 +37,7 @@ def run_python(*arguments, cwd=None, **environment):
 
 
 def alive(process):
-    """Whether the process of a number runs, or could."""
+    """Tell whether a process exists and is no zombie."""
     try:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
@@ -52,5 +52,5 @@ def wait_for(condition):
 
 
 def without_announcements(stderr):
-    """Leave out what is said of the work ahead, which depends on what earlier tests left in the cache."""
+    """Remove the lines "making ...", which depend on what the cache already has."""
     return re.sub(r"^making .+\n", "", stderr, flags=re.MULTILINE)

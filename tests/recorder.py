@@ -1,10 +1,10 @@
-"""A listener for tests. The module loads little: worker processes of tests load it too."""
+"""A listener for tests. It imports little, since worker processes import it too."""
 
 from semisynth_gl.listener import Listener
 
 
 class Recorder(Listener):
-    """Keeps what it hears, counts pairs, and ends the run at a pair as Ctrl-C does."""
+    """Records messages and stages, counts pairs, and interrupts the run at ``last_pair`` as Ctrl-C does."""
 
     def __init__(self, last_pair: int | None = None) -> None:
         self.messages: list[str] = []

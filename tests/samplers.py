@@ -1,4 +1,4 @@
-"""Samplers of scenes, with the models of a config and with patches without pixels."""
+"""Scene samplers with a config's models, and patches without pixels."""
 
 from functools import cache
 
@@ -15,7 +15,7 @@ from semisynth_gl.textures.atlas import Patch
 
 
 def patches(count: int = 5, frames: int = 1) -> tuple[Patch, ...]:
-    """Patches of different photographs, or of image sequences."""
+    """Make patches, each of another photograph, or of another image sequence if ``frames`` > 1."""
     return tuple(Patch(f"{i}.png", 0, 0, 256, i * frames, frames, 9.0) for i in range(count))
 
 
@@ -32,7 +32,7 @@ def catalogue() -> ModelCatalogue:
 
 
 def still_rig(camera: StereoCamera, max_px: float) -> SequenceRig:
-    """A rig that does not sway, whose near plane is at a disparity."""
+    """Return a rig that does not sway, with its near plane at the disparity ``max_px``."""
     return SequenceRig((camera,), float(camera.depth_m(max_px)))
 
 

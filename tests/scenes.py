@@ -1,4 +1,4 @@
-"""Parts of scenes made by hand, and their frames compared."""
+"""Parts of hand-made scenes, and a comparison of frames."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ SQUARE = make_mesh(
 
 
 def noise_layers(count: int, side: int, seed: int = 0) -> np.ndarray:
-    """Patches of white noise, the hardest to reproduce bit for bit."""
+    """Make patches of white noise, in which every wrong texel shows."""
     layers = np.random.default_rng(seed).integers(0, 256, (count, side, side, 4), dtype=np.uint8)
     layers[..., 3] = 255
     return layers
@@ -30,7 +30,7 @@ def facing(
 
 
 def posed(turn: np.ndarray, at: np.ndarray | tuple = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """A pose of a linear map and a place."""
+    """Return the (4, 4) pose of a linear map and a translation."""
     return np.block([[np.asarray(turn, float), np.reshape(at, (3, 1))], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -44,19 +44,19 @@ def on_plane(normal: np.ndarray | tuple, distance: float, half_m: float) -> np.n
 
 
 def board(camera: object, left_px: float, right_px: float, disparity_px: float) -> np.ndarray:
-    """Place the unit square between edges on the *right* image, over all rows."""
+    """Place the unit square between two columns of the *right* image, over all rows."""
     depth_m = camera.focal_px * camera.baseline_m / (disparity_px + camera.cx_right_px - camera.cx_left_px)
     left_px, width_px = left_px + disparity_px + 0.5, right_px - left_px
     return facing(camera, left_px, -1, width_px, camera.height_px + 2, depth_m)
 
 
 def one_model(camera: object, poses: object, **options: object) -> object:
-    """Place the first model, in the first patch, at each of the poses."""
+    """Make a scene of the first model, with the first patch, at each pose."""
     return make_scene(camera, model=[0] * len(poses), world_from_model=poses, layer=[0] * len(poses), **options)
 
 
 def assert_equal(frame, whole, crop=None, message=""):
-    """A frame has the camera, the channels and the values of another one, or of a part of that."""
+    """Check that a frame equals another frame, or a crop of it, in camera, channels and values."""
     assert frame.camera == (whole.camera if crop is None else whole.camera.cropped(crop))
     assert frame.arrays().keys() == whole.arrays().keys()
     part = (slice(None),) if crop is None else (slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px))

@@ -1,4 +1,4 @@
-"""Test material that lies beside the project: CI has it, a user does not."""
+"""Test files outside the repository; CI has them."""
 
 from pathlib import Path
 

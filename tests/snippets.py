@@ -1,4 +1,4 @@
-"""The blocks of code in README, docs and examples, whether tests run them, and the names that the reference shows."""
+"""Code blocks of README, docs and examples, and the names that the reference documents."""
 
 import re
 import shlex
@@ -19,12 +19,12 @@ _FENCE = re.compile(r"( *)```(.*)")
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A fenced block.
+    """A fenced code block.
 
     Attributes:
         place: file and line, for messages.
         language: the word after the fence.
-        mark: what the comment on the line before says: "runnable", "runnable: heavy", "not run: REASON", or nothing.
+        mark: the comment on the line before: "runnable", "runnable: heavy", "not run: REASON", or nothing.
         text: the lines inside.
     """
 
@@ -35,7 +35,7 @@ class Block:
 
     @property
     def commands(self) -> list[list[str]]:
-        """The words of each command, without comments; of a session at a terminal, what was typed."""
+        """Split each command into words, without comments; in a terminal session, the lines after "$ "."""
         lines = self.text.replace("\\\n", " ").splitlines()
         if self.language == "console":
             lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
@@ -43,7 +43,7 @@ class Block:
 
 
 def blocks(page: str) -> list[Block]:
-    """The fenced blocks of a page, in order."""
+    """Return a page's fenced blocks in order."""
     path = PAGES[page]
     lines = path.read_text("utf-8").splitlines()
     found: list[Block] = []
@@ -63,5 +63,5 @@ def blocks(page: str) -> list[Block]:
 
 
 def referenced_names() -> list[str]:
-    """The names whose docstrings the pages of the reference show, in order."""
+    """Return the names that the reference pages document, in order."""
     return [name for page in REFERENCE for name in re.findall(r"^::: (\S+)$", page.read_text("utf-8"), re.MULTILINE)]

@@ -1,4 +1,4 @@
-"""Configs of tiny pairs, and the datasets that are generated from them."""
+"""Configs of tiny pairs, and datasets generated from them."""
 
 import hashlib
 import json
@@ -9,24 +9,24 @@ from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.judge.verify import verify
 
 SCALE = 1 / 8
-# The scenes of a packaged config without its recipes.
+# Removes the recipes of a packaged config.
 CLUTTER_ALONE = ("scenes=[]", "textures.large_px=0")
-# Where Middlebury's layout has its scenes.
+# The folder of scenes in Middlebury's layout.
 SCENES = "MiddEval3/trainingF"
-# Of the datasets that `command` generates.
+# Used by `command`.
 PAIRS = 7
 SEED = 5
 
 
 def scaled(value):
-    """A quantity in pixels, an eighth as large: the same scene, seen by a smaller sensor."""
+    """Scale a value in pixels to a sensor an eighth as wide; the scene stays the same."""
     if isinstance(value, list):
         return [each * SCALE for each in value]
     return None if value is None else value * SCALE
 
 
 def tiny(name="middlebury", **sections):
-    """A packaged config's clutter at an eighth of its size, with keys of sections replaced."""
+    """Load a packaged config without recipes, at an eighth of its size, and replace keys of sections."""
     values = load_config(name, CLUTTER_ALONE).model_dump(mode="json")
     camera, disparity, background = values["camera"], values["disparity"], values["background"]
     for key in ("focal_px", "cx_left_px", "cx_right_px", "cy_px", "doffs_px"):
@@ -43,7 +43,7 @@ def tiny(name="middlebury", **sections):
     values["models"]["variants"] = 1
     values["textures"] |= {"patch_px": 64, "max_patches": 64}
     if values["textures"]["source"] == "builtin":
-        # Drawing takes seconds; tests/textures/test_textures_drawn.py has its own atlases.
+        # Painting the built-in pictures takes seconds.
         values["textures"]["source"] = "photographs"
     for section, keys in sections.items():
         values[section] |= keys
@@ -51,14 +51,14 @@ def tiny(name="middlebury", **sections):
 
 
 def lean(name="middlebury", **sections):
-    """Like `tiny`, with a tenth of the models: for what does not depend on how many there are."""
+    """Like `tiny`, with a tenth of the models."""
     most = load_config(name).disparity.max_px * SCALE
     few = {"layers": [{"disparity_px": [0.1 * most, 0.9 * most], "count": 60}]}
     return tiny(name, **{"particles": few, "models": {"complex": 0.3}} | sections)
 
 
 def cheap(**sections):
-    """A config of pairs that take milliseconds."""
+    """Make a config whose pairs render in milliseconds."""
     particles = {"layers": [{"disparity_px": [2, 12], "count": 5}]}
     base = {"particles": particles, "models": {"complex": 0, "variants": 1}, "textures": {"max_patches": 16}}
     values = tiny("sceneflow", **base).model_dump(mode="json")
@@ -69,19 +69,19 @@ def cheap(**sections):
     return Config.model_validate(values)
 
 
-# For pairs of `cheap`, of 64 x 48 px; their focal length is 131.25 px.
+# Lenses for `cheap`, whose pairs have 64 x 48 px and a focal length of 131.25 px.
 EYE = {"fx_px": 140, "distortion": [-0.3, 0.05, 0.001, 0], "rotation_deg": [0.2, [-1, 1], 0.3]}
 LENS = {"raw_width_px": 64, "raw_height_px": 48, "left": EYE, "right": EYE | {"fx_px": [135, 145]}}
 
 
 def with_lens(**changes):
-    """Like `cheap`, through lenses that leave borders."""
+    """Like `cheap`, with lenses that leave invalid borders."""
     lens = LENS | changes.pop("lens", {})
     return cheap(**{"lens": lens, "outputs": ["visibility", "valid", "depth"]} | changes)
 
 
 def config_of(**changes):
-    """Large models of a small number of triangles, so that rays are cheap."""
+    """Make a config of few large models with few triangles, so that rays are cheap."""
     config = tiny(
         "middlebury", models={"complex": 0.0, "user": 0.0}, textures={"source": "procedural", "max_patches": 24}
     )
@@ -90,7 +90,7 @@ def config_of(**changes):
 
 
 def digests(folder):
-    """Digest of each file; the shards' logs have only a name, since they say how long it took."""
+    """Return each file's digest by path; a shard's log has none, since it records a duration."""
     found = {}
     for path in sorted(Path(folder).rglob("*")):
         if path.is_file():
@@ -105,7 +105,7 @@ def digests(folder):
 
 
 def verified(out, rays=0):
-    """What verify finds, with so many rays for each pair."""
+    """Verify a dataset with ``rays`` rays for each pair."""
     return verify(out, rays=sys.maxsize * bool(rays), pixels=rays or 1)
 
 
@@ -115,7 +115,7 @@ def findings(out, rays=0):
 
 def command(config, out, layout, *options):
     path = Path(out).parent / "config.yaml"
-    # JSON is YAML; what is None is what was not given.
+    # JSON is YAML.
     path.write_text(json.dumps(config.model_dump(mode="json", exclude_none=True)))
     arguments = ["--config", path, "--out", out, "--pairs", PAIRS, "--seed", SEED, "--layout", layout]
     return [sys.executable, "-m", "semisynth_gl", "generate", *map(str, (*arguments, "--shard-pairs", 3, *options))]

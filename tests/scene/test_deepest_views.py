@@ -1,4 +1,4 @@
-"""The deepest points of views: every pixel has a disparity, and rooms keep to their range."""
+"""Every pixel of a view has a positive disparity, and rooms keep to their range."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.view_volume import deepest_m
 
 KINDS = ("cuboid", "plane", "room", "street")
-# Every wall has a hole: through holes, views see deepest.
+# Every wall has a hole, since the deepest points are seen through holes.
 PIERCED = (
     "room.doorway=0.6",
     "room.niche=0.4",
@@ -27,7 +27,7 @@ PIERCED = (
 )
 
 
-# Both views show x / z from -0.5 to 0.5; the right eye is 0.1 m farther right.
+# Each view shows x / z from -0.5 to 0.5 of its eye; the right eye is at x = 0.1 m.
 RIG = StereoCamera.centred(200, 100, focal_px=200, baseline_m=0.1)
 
 
@@ -49,7 +49,7 @@ def test_only_what_a_view_shows_counts(corners, deepest):
 
 
 def seen_px(static, camera, time_s=0.0):
-    """Disparities of static instances on a grid over both views that reaches to their borders."""
+    """Cast rays on a grid from border to border of both views; return the disparities of static instances."""
     x_px, y_px = np.meshgrid(
         np.linspace(-0.4971, camera.width_px - 0.5013, 27), np.linspace(-0.4937, camera.height_px - 0.5029, 21)
     )
@@ -62,7 +62,7 @@ def seen_px(static, camera, time_s=0.0):
 
 @st.composite
 def rigs(draw):
-    """Options of many rigs; some sway, as far as their range of disparities allows."""
+    """Sample config overrides of a rig; some rigs sway as far as their disparity range allows."""
     width, height, sways = draw(st.integers(60, 400)), draw(st.integers(60, 300)), draw(st.booleans())
     least, doffs = draw(st.floats(0.5, 20)), width * draw(st.floats(0, 0.05 if sways else 0.4))
     most = least * draw(st.floats(2.5, 40)) + (2 * doffs if sways else 0)
@@ -85,7 +85,7 @@ def rigs(draw):
 def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, seed):
     weights = [f"background.{name}={int(name == kind)}" for name in KINDS]
     config = load_config("middlebury", [*CLUTTER_ALONE, *PIERCED, *weights, "disparity.target={form: uniform}", *rig])
-    # Walls keep 1 % clear of the near plane, which must leave them a disparity.
+    # Walls stay 1 % beyond the near plane; their disparity must still be positive.
     assume(config.disparity.max_px > (BEYOND_NEAR - 1) * config.camera.doffs_px.high)
     static = static_scene_of(config, seed)
     times = (0.0, 0.6, 1.9) if static.rig.sway.moves else (0.0,)
@@ -94,10 +94,10 @@ def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, se
             px = seen_px(static, camera, time_s)
             assert np.isfinite(px).all()
             assert px.min() > 0
-            # The near plane clips houses that a swaying camera comes too near to.
+            # A swaying camera can come too near to houses; the renderer clips them at the near plane.
             assert px.max() <= config.disparity.max_px or (kind == "street" and len(times) > 1)
             if kind == "room":
-                # With a large doffs, the smallest depth of walls may be beyond the depth of min_px.
+                # With a large doffs, even the nearest possible wall can be beyond the depth of min_px.
                 farthest_m = max(static.rig.camera.depth_m(config.disparity.min_px), BEYOND_NEAR * static.rig.near_m)
                 assert px.min() >= camera.disparity_px(farthest_m) - 1e-6
 
@@ -114,7 +114,7 @@ def test_a_camera_that_sways_far_sees_no_end(kind):
 
 
 def test_a_pair_that_is_too_deep_is_sampled_again_and_refused_at_last():
-    # Where the longer baseline has a disparity of 13 px, the shorter one has none.
+    # Where the longer baseline sees 13 px, the shorter one sees 0 px.
     keys = (
         "camera={width_px: 96, height_px: 64, focal_px: 90, baseline_m: null, baselines: [0.3, 0.4]}",
         "camera={doffs_px: null, cx_left_px: 20, cx_right_px: 60}",

@@ -1,4 +1,4 @@
-"""The wanted distribution of disparity: histograms, forms, the Boolean model, and the distribution of scenes."""
+"""The disparity solver: histograms, target forms, the Boolean model, and the disparities of scenes."""
 
 import math
 from dataclasses import replace
@@ -41,7 +41,7 @@ def test_distances_of_shifted_blocks_are_known():
     other = Histogram.from_counts([0, 10, 20, 30], [0, 0, 1])
     assert total_variation(one, other) == 1
     assert wasserstein_px(one, other) == pytest.approx(20)
-    # One block and the same spread over two bins: a quarter of the width on average.
+    # Uniform over 0 to 4 px and over 0 to 2 px: quantiles differ by 1 px on average.
     assert wasserstein_px(Histogram.from_counts([0, 4], [1]), Histogram.from_counts([0, 2], [1])) == pytest.approx(1)
 
 
@@ -89,7 +89,6 @@ def test_targets_that_no_scene_can_show_are_refused(form, message):
 
 
 def off_by(sampler):
-    """Total variation between the target and the expected distribution."""
     return total_variation(sampler.disparity_solver.target, sampler.disparity_solver.expected())
 
 
@@ -113,7 +112,6 @@ def test_particles_grow_where_more_of_them_would_be_needed_than_allowed():
 @settings(max_examples=10)
 @given(st.floats(-1, 2.3), st.floats(0.01, 0.97), st.floats(0, 1))
 def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
-    """Ranges of 0.1 to 200 px, up to where models are as deep as they are wide."""
     most = 10**magnitude
     least = most * (1 - width)
     config = tiny(
@@ -132,7 +130,7 @@ def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
 @settings(max_examples=60)
 @given(st.integers(2, 24), st.integers(0, 2**31))
 def test_solved_coverage_gives_the_wanted_shares(bins, seed):
-    """A stack of thin layers over a wall in the farthest bin."""
+    """Thin layers in front of a wall in the farthest bin."""
     wanted = np.random.default_rng(seed).random(bins) + 0.05
     wanted /= wanted.sum()
     bare, reached = np.ones(bins - 1), np.tri(bins, bins - 1, -1)
@@ -153,9 +151,9 @@ def test_reliefs_of_a_ball_and_a_cube():
     rng = np.random.default_rng(0)
     ball = mean_relief([SIMPLE_KINDS["sphere"](rng)], np.array([1.0]), RIGID, rng)
     assert ball.fill == pytest.approx(1, abs=0.02)
-    # Over a disc, the height sqrt(1 - r^2) is uniform in its square.
+    # For uniform points of a disc, the squared height 1 - r^2 of the ball is uniform.
     np.testing.assert_allclose(ball.heights**2, (np.arange(16) + 0.5) / 16, atol=0.05)
-    # A convex body shows a quarter of its surface on average (Cauchy): 6 a^2 / 4 with a = 2 / sqrt(3).
+    # The mean projected area of a convex body is a quarter of its surface (Cauchy): 6 a^2 / 4, a = 2 / sqrt(3).
     cube = mean_relief([SIMPLE_KINDS["cube"](rng)], np.array([1.0]), RIGID, rng)
     assert cube.fill == pytest.approx(2 / np.pi, rel=0.02)
     needle = make_model("needle", [[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0]], [[0, 1, 2]])
@@ -165,7 +163,7 @@ def test_reliefs_of_a_ball_and_a_cube():
 
 @pytest.mark.parametrize("fy_over_fx", [1.0, 0.6])
 def test_expected_cover_grows_towards_the_sides_of_a_wide_view(fy_over_fx):
-    """Small balls all over the view, outlined by rays that pass within their radius."""
+    """Measure the mean image area of small balls by the rays that pass within their radius."""
     camera, rng = StereoCamera.centred(600, 400, 350.0, 0.2), np.random.default_rng(2)
     camera = replace(camera, fy_over_fx=fy_over_fx)
     depth, radius_px = 5.0, 4.0
@@ -179,11 +177,11 @@ def test_expected_cover_grows_towards_the_sides_of_a_wide_view(fy_over_fx):
     inside = np.linalg.norm(along[..., None] * rays - centre, axis=-1) < radius_m
     area = inside.sum(axis=1).mean() * 0.25**2
     assert area > 1.1 * np.pi * radius_px**2 * fy_over_fx
-    # Their centres may be anywhere in both views and just beside them.
+    # Centres are uniform over both views, 80 px apart, and up to a radius beside them.
     width_px, height_px = 600 + 80 + 2 * radius_px, 400 + 2 * radius_px * fy_over_fx
     sizes, disparity = ParticleSizes(2 * radius_px, 2 * radius_px), np.array([80.0, -80.0])
     np.testing.assert_allclose(expected_cover(camera, sizes, disparity, 1.0) * width_px * height_px, area, rtol=0.02)
-    # Sizes are log-uniform. At a long focal length nothing is stretched, so the cover is the mean over the sizes.
+    # Sizes are log-uniform. A long lens does not stretch balls, so the cover is the mean over the sizes.
     long, between = replace(camera, focal_px=70_000.0), 40 * 5 ** ((np.arange(500) + 0.5) / 500)
     single = [expected_cover(long, ParticleSizes(size, size), disparity, 1.0) for size in between]
     np.testing.assert_allclose(
@@ -192,7 +190,7 @@ def test_expected_cover_grows_towards_the_sides_of_a_wide_view(fy_over_fx):
 
 
 def test_particles_show_their_fronts():
-    """Balls at one disparity, without drift: a front that stands out by h radii shows (d + doffs) / (1 - h r / f)."""
+    """The point of a ball that is h radii in front of its centre has disparity (d + doffs) / (1 - h r / f)."""
     still = Range(0.0, 0.0)
     heights = np.sqrt((np.arange(16) + 0.5) / 16)
     layers = DepthLayers(np.array([80.0]), np.array([80.0]))
@@ -202,11 +200,11 @@ def test_particles_show_their_fronts():
     height = np.sqrt(np.random.default_rng(3).random(100_000))
     shown = 80 / (1 - height * 140 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
-    # Flattened to a relief of 70 px.
+    # Balls flattened to a relief of 70 px.
     found = layers.exceedance(edges, SequenceRig((CAMERA,), 0.1, relief_px=70.0), still, sizes, heights)[0]
     shown = 80 / (1 - height * 70 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
-    # The balls' fronts, at 1.4 m, are nearer than a near plane at 1.6 m.
+    # A near plane at 1.6 m clips the balls' fronts, which are at 1.4 m.
     assert layers.exceedance(edges, SequenceRig((CAMERA,), 1.6), still, sizes, heights)[0].tolist() == [0, 0, 0]
 
 
@@ -246,7 +244,7 @@ def test_clutter_is_counted_in_what_the_target_asks_for():
     ids=["kitti", "uniform", "two-humps"],
 )
 def test_rendered_histograms_follow_their_targets(name, sections):
-    """Over 200 pairs, the distances are a third of these limits: benchmarks/results/targets.json."""
+    """The limits are three times the distances over 200 pairs in benchmarks/results/targets.json."""
     config = tiny(name, **sections).model_copy(update={"truth": "left", "outputs": ()})
     wanted = config.wanted_histogram()
     counts, medians = 0, []
@@ -275,7 +273,7 @@ def test_kinds_have_weights_within_their_family():
 @pytest.mark.parametrize(
     ("count", "weights", "share"),
     [
-        (2, {}, 2 / 25 / (2 + 2 / 25)),  # about as much as two of the 50 built-in kinds
+        (2, {}, 2 / 25 / (2 + 2 / 25)),  # about the share of two of the 50 built-in kinds
         (30, {}, 1 / 3),
         (2, {"user": 25.0}, 1 / 2),
     ],
@@ -283,7 +281,6 @@ def test_kinds_have_weights_within_their_family():
 def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights, share):
     cube = SIMPLE_KINDS["cube"](np.random.default_rng(0))
     own = [replace(cube, name=f"{number}.obj") for number in range(count)]
-    # Reading files takes a process; tests/geometry/test_geometry_model_files.py reads them.
     monkeypatch.setattr(model_files, "load_models", lambda _: (own, []))
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
     few = dict.fromkeys([*SIMPLE_KINDS, *COMPLEX_KINDS], 0) | {"cube": 1, "table": 1}

@@ -1,4 +1,4 @@
-"""Rooms and streets: no gaps, nothing too near, and things stand upright on something."""
+"""Rooms and streets: no gaps, nothing too near, and furniture stands upright on a surface."""
 
 from collections import Counter
 from dataclasses import replace
@@ -40,7 +40,7 @@ def furnished(rig, kind, *overrides):
 
 
 def arranged(kind, seed, rig=None, **keys):
-    """Sample a room or a street, with other values of some keys of its section."""
+    """Sample a room or a street with changed keys of its section."""
     rig = rig or KINDS[kind]
     config = furnished(rig, kind).model_copy(update={kind: SECTIONS[kind].model_validate(keys)})
     sample = sample_room if kind == "room" else sample_street
@@ -48,7 +48,7 @@ def arranged(kind, seed, rig=None, **keys):
 
 
 def bordering(camera, columns, rows):
-    """Pixel positions all over a view, up to its borders."""
+    """Return a grid of pixel positions from border to border of a view."""
     x, y = np.meshgrid(
         np.linspace(-0.37, camera.width_px - 0.61, columns), np.linspace(-0.41, camera.height_px - 0.57, rows)
     )
@@ -62,7 +62,7 @@ def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig, kind):
     for seed in range(2):
         static = static_scene_of(config, seed)
         camera, near_m = static.rig.camera, static.rig.near_m
-        # The near plane of this scene is much nearer than the dataset's, so it clips nothing.
+        # This near plane is 100 times nearer than the rig's, so that it clips nothing.
         scene = to_scene(static.instances, camera, 0.01 * near_m)
         for eye in EYES:
             depth_m = cast_rays(scene, catalogue().models, eye, *bordering(camera, 23, 17)).depth_m
@@ -70,7 +70,7 @@ def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig, kind):
 
 
 def first_hit(triangles, origin, direction):
-    """Distance at which a ray hits the first of triangles (T, 3, 3), in lengths of the ray's direction."""
+    """Return the distance to the first of triangles (T, 3, 3) that a ray hits, in units of its direction's length."""
     corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(first, second)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -82,7 +82,7 @@ def first_hit(triangles, origin, direction):
 
 
 def corners_of(things):
-    """The triangles (T, 3, 3) of each thing, in the floor's frame."""
+    """Return each thing's triangles (T, 3, 3) in the floor's frame."""
     both = [(things.catalogue.models[thing["model"]], thing["pose"]) for thing in things.things]
     return [(mesh.positions.astype(float) @ pose[:3, :3].T + pose[:3, 3])[mesh.triangles] for mesh, pose in both]
 
@@ -106,7 +106,7 @@ def test_things_at_rest_stand_upright_and_on_something(kind):
             if lowest < 1e-6 * size:
                 bearers["floor"] += 1
                 continue
-            # Downwards from just above its foot, and backwards from its middle; a picture may hang behind it.
+            # Rays: downwards from just above its foot, and backwards from its middle to a wall or picture.
             others = np.concatenate(corners[:k] + corners[k + 1 :])
             below = first_hit(others, np.array([*matrix[:2, 3], lowest + 1e-4 * size]), np.array([0, 0, -1.0]))
             behind = first_hit(others, matrix[:3, 3], back) - ((points - matrix[:3, 3]) @ back).max()
@@ -119,7 +119,7 @@ def test_things_at_rest_stand_upright_and_on_something(kind):
 
 def test_the_sides_of_a_box_wear_one_texture_and_are_the_size_that_they_say():
     things = arranged("room", 0)
-    # Some walls have their corner behind the camera.
+    # Some walls have a corner behind the camera.
     assert things.table()["depth_m"].min() == things.rig.near_m
     for texture in (None, 3):
         first = things.add_box((0, 3, 0), (1, 0.4, 1.5), 0.4, texture)
@@ -153,7 +153,7 @@ def height(things):
     return float(-things.camera_from_floor[:3, 2] @ things.camera_from_floor[:3, 3])
 
 
-# For each key: two values, a measure that grows from the first to the second, and other keys to set.
+# For each key: two values, a measure that is larger for the second value, and other keys to set.
 EFFECTS = {
     "room": {
         "camera_height_m": (0.9, 1.7, height, {}),
@@ -196,7 +196,7 @@ def test_each_key_of_rooms_and_streets_does_what_it_says(kind):
 
 @pytest.mark.parametrize("fy_over_fx", [1.0, 1.3])
 def test_the_left_view_cuts_triangles_at_the_near_plane(fy_over_fx):
-    """Of random triangles around the camera, most reach behind it with one corner or with two."""
+    """Most of the random triangles have one or two corners behind the camera."""
     camera = replace(CAMERAS["kitti"][0], fy_over_fx=fy_over_fx)
     corners = np.random.default_rng(2).uniform((-4, -2, -2), (4, 2, 4), (60, 3, 3))
     pose = np.tile(np.eye(4), (60, 1, 1))
@@ -213,13 +213,13 @@ def test_the_left_view_cuts_triangles_at_the_near_plane(fy_over_fx):
     hits = cast_rays(scene, triangles, "left", *grid_px(camera))
     np.testing.assert_array_equal(seen.instance, hits.instance)
     np.testing.assert_allclose(seen.depth_m, hits.depth_m, rtol=1e-9)
-    # UV is x and y of the corners, and stays so after clipping.
+    # UV equals x and y at the corners; clipping must interpolate it.
     points = camera.rays("left", *grid_px(camera)) * seen.depth_m[:, None]
     hit = seen.instance >= 0
     np.testing.assert_allclose(seen.uv[hit], points[hit, :2], atol=1e-6)
 
 
-# Columns of holes, as shares of a wall's width.
+# Left and right edges of holes, as shares of a wall's width.
 HOLES = (0.12, 0.4), (0.37, 0.63), (0.6, 0.88)
 
 
@@ -250,7 +250,7 @@ def test_what_hangs_on_a_wall_meets_neither_its_hole_nor_its_ends_nor_each_other
             for mesh, pose in placed:
                 points = np.c_[mesh.positions, np.ones(len(mesh.positions))] @ (np.linalg.inv(wall_pose) @ pose).T
                 low, high = points[:, :3].min(axis=0), points[:, :3].max(axis=0)
-                # Only the fronts of pictures: not their sides, and not the sides of pictures on the next wall.
+                # Skip the sides of pictures, of this wall or of the next one.
                 is_front = mesh is FACE and high[2] - low[2] < 1e-9 and (high - low)[0] > 0.02
                 beside = low[0] > 1 - 1e-3 or high[0] < 1e-3  # a niche behind the next wall
                 if low[2] > -0.1 and high[2] < -1e-6 and (mesh.name in _HANGING or is_front) and not beside:
@@ -269,7 +269,7 @@ def test_fences_and_houses_stand_clear_of_pavements():
     for seed in range(3):
         things = arranged("street", seed, pavement=1, houses=0.3, fences=0.7, tall=0, low=0, vehicles=0)
         corners = corners_of(things)
-        # The tops of slabs are level, and a hand above the ground.
+        # The pavement's tops are level, 0.05 to 0.2 m above the ground.
         slabs = [each[..., 0] for each in corners if np.ptp(each[..., 2]) < 1e-9 and 0.05 < each[0, 0, 2] < 0.2]
         left, right = min(each.min() for each in slabs), max(each.max() for each in slabs)
         for thing, each in zip(things.things, corners, strict=True):

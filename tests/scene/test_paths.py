@@ -1,4 +1,4 @@
-"""Paths of particles: closed forms, and nothing in view appears or disappears, whatever camera, sway and drift."""
+"""Particle paths: their formulas, and that no particle appears or disappears while it is in view."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ SPHERE = _UNIT / np.linalg.norm(_UNIT, axis=1, keepdims=True)
 
 @st.composite
 def rigs(draw):
-    """A camera, the depth of its near plane, and a sway that turns by up to 5 degrees about any axis."""
+    """Sample a camera, its near plane, and a sway of up to 5 degrees about each axis."""
     width, height = draw(st.integers(60, 400)), draw(st.integers(60, 400))
     camera = StereoCamera.centred(width, height, width * draw(st.floats(0.5, 3)), 0.3, width * draw(st.floats(0, 0.3)))
     turn, shift = draw(st.floats(0, 0.05)), draw(st.floats(0, 0.01))
@@ -32,7 +32,7 @@ def rigs(draw):
 
 
 def slots_of(rig, section, *ranges, seed=2):
-    """The slots of `COUNT` particles in each range of disparity, and a function that starts a generation."""
+    """Sample slots of `COUNT` particles for each disparity range; also return a function that starts a generation."""
     batches = [ParticleBatch(Range(*ends), COUNT, stated_sizes(section)) for ends in ranges]
     slots = sample_slots(rig, section, batches, np.random.default_rng(seed))
     return slots, lambda number: sample_start(rig.camera, section, slots, np.random.default_rng([3, number]))
@@ -55,7 +55,7 @@ def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed
     assert (slots.flatness * slots.radius_px <= relief_px * (1 + 1e-9)).all()
 
     def seen(age, time_s):
-        """Points (S, 300, 3) of the spheres around all models that are shown, in the swaying left camera's frame."""
+        """Return points (S, 300, 3) on the bounding spheres of shown models, in the swaying left camera's frame."""
         of_age = replace(slots, phase=np.full(COUNT, age))
         poses = particle_poses(camera, of_age, release, 0.0, np.zeros(COUNT, np.int64))
         radius_m = slots.radius_m(camera)
@@ -83,7 +83,7 @@ def test_models_whose_drift_would_take_them_too_near_are_still_shown():
     section = ParticlesSection(drift=Range(1, 1), size_px=Range(20, 20))
     slots, release = slots_of(rig, section, (135.0, 135.0))
     assert slots.shown.all()
-    # A free path of this length would pass the near plane.
+    # Without a limit, a path of this length would cross the near plane.
     assert (slots.depth_m - 0.5 * slots.path_m < rig.near_m).all()
     assert np.abs(release(0).drift[:, 1]).max() > 0.9
     assert not slots_of(rig, section, (149.0, 149.0))[0].shown.any()
@@ -99,7 +99,7 @@ def test_particles_fall_at_constant_speed_and_are_released_anew():
     np.testing.assert_allclose(np.diff(y, axis=0)[later == 0], step[later == 0], rtol=1e-9)
     assert (later >= 0).all()
     assert generation.max() >= 3
-    # From just above the view to just below it, whatever the depth: the sphere touches the view's side there.
+    # At any depth, a path starts and ends where the bounding sphere touches the upper or lower side of the frustum.
     row, secant = (
         CAMERA.focal_px * y / slots.depth_m + CAMERA.cy_px,
         np.hypot(1, (CAMERA.cy_px + 0.5) / CAMERA.focal_px),

@@ -1,4 +1,4 @@
-"""Recipes: the sequences that have them, their scenes, and datasets of several recipes."""
+"""Recipes: which sequences use them, their scenes, and datasets of several recipes."""
 
 import json
 import pickle
@@ -26,7 +26,7 @@ from semisynth_gl.seeds.splits import Split
 PATCHES = patches()
 FLOW = ["visibility", "instances", "depth", "flow", "flow_backward", "disparity_change"]
 
-# Every section that a recipe may change. Of six successive sequences, each recipe has one or more, whatever the seed.
+# Together they change every section that a recipe may change. Any six successive sequences include each recipe.
 RECIPES = [
     {"recipe": "plain"},
     {
@@ -51,7 +51,7 @@ def mixed(config, recipes=RECIPES):
 
 
 def small(variants=1):
-    """Pairs of 64 x 48 pixels with solved numbers of models of few triangles."""
+    """Make a config of 64 x 48 pixels with solved numbers of particles, whose models have few triangles."""
     return cheap(
         particles={"layers": None, "size_px": [10, 30]},
         models={"complex": 0, "variants": variants, "kinds": {"sphere": 0, "torus": 0, "capsule": 0, "cylinder": 0}},
@@ -73,7 +73,7 @@ def test_successive_sequences_have_each_recipe_as_often_as_its_share_says(weight
     drawn = recipe_numbers(first + np.arange(500), given_shares.tolist(), seed)
     so_far = np.arange(1, 501)
     for recipe, share in enumerate(given_shares):
-        # Independent samples would sometimes be off by more than 20.
+        # Independent random choices would sometimes be off by more than 20.
         assert np.abs(np.cumsum(drawn == recipe) - share * so_far).max() < 4.5
 
 
@@ -163,7 +163,7 @@ def test_scenes_of_stated_recipes_are_those_of_the_recipes_alone():
         assert (sampled.scene.camera, sampled.scene.near_m) == (expected.scene.camera, expected.scene.near_m)
         for name in ("camera_from_world", "world_from_model", "layer", "uv_scale", "uv_offset"):
             np.testing.assert_array_equal(getattr(sampled.scene, name), getattr(expected.scene, name), err_msg=name)
-        # A mix numbers the models of all its recipes.
+        # Model numbers of a mix count over all its recipes, so compare models by name and vertices.
         for number, same in zip(sampled.scene.model, expected.scene.model, strict=True):
             assert mix.models[number].name == alone[sampled.recipe].models[same].name
             np.testing.assert_array_equal(mix.models[number].positions, alone[sampled.recipe].models[same].positions)
@@ -178,7 +178,7 @@ def test_a_dataset_has_one_library():
     config = mixed(small(variants=2), [RECIPES[2], RECIPES[0], RECIPES[1]])
     solids, plain, walls = recipe_libraries(config, Split(3))
     alone = build_library(config.models, config.particles, Split(3))
-    assert solids.models == plain.models == walls.models  # the same objects, since meshes have no equality of values
+    assert solids.models == plain.models == walls.models  # meshes compare by identity
     assert sorted(mesh.name for mesh in plain.models) == sorted(mesh.name for mesh in alone.models)
     assert [plain.models[number].name for number in plain.sampled] == [mesh.name for mesh in alone.models]
     np.testing.assert_array_equal(plain.chances, alone.chances)
@@ -189,7 +189,7 @@ def test_a_dataset_has_one_library():
 
 
 def test_a_dataset_of_several_recipes_comes_to_its_target():
-    """One recipe states far layers, and one has a near target; the third recipe is solved for the rest."""
+    """One recipe states far layers, one has a near target; the solver fits the third one to the rest."""
     far = {"particles": {"layers": [{"disparity_px": [2, 5], "count": [20, 30]}]}}
     near = {"disparity": {"target": {"form": "gamma", "mean_px": 9, "spread_px": 2}}}
     recipes = [{"recipe": "far", **far}, {"recipe": "near", **near}, {"recipe": "rest", "weight": 3}]
@@ -216,7 +216,7 @@ def test_faults_of_a_recipes_scenes_name_it():
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    """Moving scenes of all recipes, with all outputs that are checked in rebuilt scenes."""
+    """Write a dataset of moving scenes of all recipes, with all outputs that verify checks in rebuilt scenes."""
     values = small().model_dump(mode="json") | {"outputs": FLOW}
     values["camera"] |= {"sway_m": [0.005, 0.02]}
     out = tmp_path_factory.mktemp("mix") / "d"

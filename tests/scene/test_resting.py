@@ -1,4 +1,4 @@
-"""Particles at rest: they touch the surface below them and stay there, whatever frame is sampled first."""
+"""Resting particles touch the surface below them and stay there, whichever frame is sampled first."""
 
 from functools import cache
 
@@ -24,7 +24,7 @@ def sampler_of(*overrides):
 
 
 def by_slot(sampled, *, at_rest=None):
-    """The poses of the particles of a scene, or of those that are or are not at rest."""
+    """Return the particles' poses by slot: of all, of resting, or of falling particles."""
     rows = sampled.instances[sampled.instances["slot"] >= 0]
     return {int(row["slot"]): row["pose"] for row in rows if at_rest in (None, row["resting"])}
 
@@ -37,7 +37,7 @@ def test_models_at_rest_touch_what_was_below_them():
         sampled, above = sampler.sample(index), falling.sample(index)
         scene, still = sampled.scene, np.flatnonzero(sampled.instances["slot"] < 0)
         assert not sampled.instances["resting"][still].any()
-        # The camera's y axis points down.
+        # Swap axes to x, z, -y: the camera's y axis points down.
         corners = triangles_of(sampler.models, scene.model[still], scene.world_from_model[still])
         upright = corners[..., [0, 2, 1]] * (1, 1, -1)
         poses = by_slot(above)
@@ -67,7 +67,7 @@ def test_particles_at_rest_were_let_down_and_the_others_fall_as_before(kind):
             np.testing.assert_array_equal(pose, before[slot])
         for slot, pose in by_slot(now, at_rest=True).items():
             if slot in before:
-                # Let down, not turned. The camera's y axis points down, up to its pitch.
+                # The particle moved down (+y, up to the camera's pitch) and did not turn.
                 np.testing.assert_array_equal(pose[:3, :3], before[slot][:3, :3])
                 sunk.append(pose[1, 3] - before[slot][1, 3])
     assert len(sunk) > 5
@@ -85,11 +85,11 @@ def test_particles_at_rest_stay_whatever_frame_is_sampled_first():
         motion = again.motion(+1)
         at_rest = again.instances["resting"]
         assert at_rest.sum() > 3
-        # Resting particles stay in the world while the camera sways; falling particles move.
+        # In the world, resting particles stay in place and falling particles move.
         np.testing.assert_array_equal(motion.world_from_model[at_rest], again.scene.world_from_model[at_rest])
         falling = ~at_rest & (again.instances["slot"] >= 0)
         assert (motion.world_from_model[falling] != again.scene.world_from_model[falling]).any(axis=(1, 2)).all()
-    # Resting slots keep their models, even when some falling slots show the next generation.
+    # Resting slots keep their models while falling slots may start the next generation.
     first, last = (
         dict(zip(each.instances["slot"], each.scene.model, strict=True)) for each in (forwards[0], forwards[2])
     )

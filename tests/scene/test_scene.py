@@ -120,7 +120,6 @@ def test_scenes_depend_on_config_seed_index_and_attempt_alone(sampler_of):
     ],
 )
 def test_scenes_of_an_ablation_differ_only_in_their_factor(names, factor):
-    """Same cameras, same numbers, same poses; other models, or other patches."""
     sampled = []
     for number, name in enumerate(names):
         config = load_config(name, ["models.variants=1"])
@@ -140,7 +139,7 @@ def test_frames_of_a_sequence_share_camera_and_background_and_move(sampler_of):
     for first, second in pairwise(frames):
         assert first.scene.camera == second.scene.camera
         np.testing.assert_array_equal(first.scene.world_from_model[:6], second.scene.world_from_model[:6])
-        # Video frames advance by a layer a frame.
+        # Each frame shows the next layer of its image sequence.
         first_layer = first.instances["patch"][:6] * 7
         np.testing.assert_array_equal(
             second.scene.layer[:6] - first_layer, (first.scene.layer[:6] - first_layer + 1) % 7
@@ -152,7 +151,7 @@ def test_frames_of_a_sequence_share_camera_and_background_and_move(sampler_of):
 
 
 def test_each_generation_of_particles_has_random_numbers_of_its_own(sampler_of, monkeypatch):
-    sequence, keys = sampler_of().sample(0).sequence, {(3, Purpose.PARTICLES, 0, 0)}  # that of the slots
+    sequence, keys = sampler_of().sample(0).sequence, {(3, Purpose.PARTICLES, 0, 0)}  # the key of the slots
     monkeypatch.setattr(sampler_module, "generator", lambda *key: keys.add(key) or generator(*key))
     for generation in range(-3, 4):
         sequence.particle_poses(0.0, np.full(len(sequence.slots), generation))
@@ -167,10 +166,10 @@ def test_of_a_street_only_what_is_behind_it_is_sky(sampler_of):
 
 
 def test_patches_have_near_one_texel_a_pixel(sampler_of):
-    # Texture is laid out for the middle of a model's path; without drift all of it is at that depth.
+    # The sampler scales a texture for the middle of the path; without drift the whole path has that depth.
     sampler = sampler_of("textures.texels_per_pixel=1", "background.wall_turn_deg=0", "particles.drift=0")
     scene = sampler.sample(0).scene
-    # The back wall faces the camera: its edges' lengths in pixels are its repeats times the patch's side.
+    # The back wall faces the camera: an edge's length in pixels is its repeats times the patch's side.
     wall = scene.world_from_model[4]
     pixels = np.linalg.norm(wall[:3, :2], axis=0) * scene.camera.focal_px / wall[2, 3]
     np.testing.assert_allclose(scene.uv_scale[4] * 256, pixels, rtol=0.02)

@@ -1,4 +1,4 @@
-"""Checksums of patches and models: they differ between sources, and are the same on all processors."""
+"""Digests of patches and models differ between sources, and are the same on all processors."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from semisynth_gl.scene.sources import SceneSources, prepare_sources
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import sources as texture_sources
 
-# The results of these functions differ in the last bit from processor to processor.
+# Functions whose last bit differs between processors.
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "arctan2", "arcsin", "arccos")
 
 
@@ -48,7 +48,7 @@ def test_checksums_are_the_same_where_the_last_bits_of_functions_differ(monkeypa
 
 @pytest.mark.parametrize(("source", "patches"), [("procedural", "a042c0c8"), ("images", "75b26116")])
 def test_models_of_all_kinds_and_patches_have_the_recorded_checksums(tmp_path, source, patches):
-    """After an intended change of the models or patches, record the new checksums here."""
+    """After an intended change of models or patches, record the new digests here."""
     paths = save(tmp_path, **{f"{number}": octaves(number) for number in range(4)})
     textures = {"source": source, "images": list(map(str, paths)) if source == "images" else [], "large_px": 128}
     found = prepare_sources(cheap(textures=textures, models={"complex": 1}), Split(2)).digests()
@@ -66,7 +66,7 @@ def darkened(layers):
     return layers
 
 
-# Changes of each part of an atlas's layers and last patch, of a library's first model, and of a library.
+# Changes of an atlas's layers and last patch, and of a library's first model, relief and chances.
 OF_LAYERS = dict.fromkeys(("layers", "large_layers"), darkened)
 OF_PATCH = {"source": lambda _: "other.png", "left_px": lambda left: left + 1}
 OF_MODEL = dict.fromkeys(("positions", "uv"), lambda array: array + np.float32(2e-5)) | {"triangles": np.flipud}
