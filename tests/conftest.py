@@ -78,7 +78,7 @@ def pytest_runtest_setup(item: pytest.Function) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark the tests that render, and skip long tests on OSMesa where EGL is llvmpipe too."""
+    """Mark the tests that render, and skip long tests on OSMesa where EGL gives the same bytes (llvmpipe)."""
     for item in items:
         if "backend" in item.fixturenames:
             item.add_marker("opengl")

@@ -1,4 +1,4 @@
-"""What is drawn, for whom, and that it stays within its ranges; colours; refusals."""
+"""Augmentations: sampling within the ranges, colours, refused values."""
 
 from dataclasses import replace
 
@@ -34,19 +34,20 @@ def test_equal_arguments_give_equal_changes_and_others_give_others():
 
 
 def test_draws_fill_their_ranges():
-    drawn = many(STRONG)
-    scales = np.array([each.warp.scale_y for each in drawn])
+    sampled = many(STRONG)
+    scales = np.array([each.warp.scale_y for each in sampled])
     assert 2**-0.2 <= scales.min() < 0.9
     assert 1.28 < scales.max() <= 2**0.4
     assert abs(np.log(scales).mean() - 0.1 * np.log(2)) < 0.02
-    stretches = np.array([each.warp.scale_x / each.warp.scale_y for each in drawn])
+    stretches = np.array([each.warp.scale_x / each.warp.scale_y for each in sampled])
     assert 2**-0.2 <= stretches.min() < 0.9
     assert 1.1 < stretches.max() <= 2**0.2
-    assert abs(np.mean([each.mirrored for each in drawn]) - 0.5) < 0.1
-    assert abs(np.mean([bool(each.rectangles) for each in drawn]) - 0.5) < 0.1
-    assert {len(each.rectangles) for each in drawn} == {0, 1, 2}
+    assert abs(np.mean([each.mirrored for each in sampled]) - 0.5) < 0.1
+    assert abs(np.mean([bool(each.rectangles) for each in sampled]) - 0.5) < 0.1
+    assert {len(each.rectangles) for each in sampled} == {0, 1, 2}
     own = [
-        {name for name, value in each.colours["left"].items() if value != each.colours["right"][name]} for each in drawn
+        {name for name, value in each.colours["left"].items() if value != each.colours["right"][name]}
+        for each in sampled
     ]
     assert abs(np.mean([{"brightness", "hue_turns", "gamma"} <= names for names in own]) - 0.2) < 0.07
     assert all("noise" in names for names in own)
@@ -62,12 +63,12 @@ def test_a_scale_is_raised_until_the_crop_fits():
     small = Augmentation(scale=(0.1, 1), right_y_px=(-3, 3))
     sides, crop = (400, 600), (250, 400)
     for sequence in range(50):
-        drawn = small.sample(crop, sides, 0, sequence)
-        height, width = drawn.source_size
+        sampled = small.sample(crop, sides, 0, sequence)
+        height, width = sampled.source_size
         assert height <= sides[0]
         assert width <= sides[1]
     small.check(crop, sides)
-    # The margin of a movement of 20 px at a scale of 0.1 leaves nothing of the image, and 5 degrees a fifth of it.
+    # At scale 0.1, the margin for a shift of 20 px exceeds the image; a roll of 5 degrees leaves a fifth of it.
     for moving, crop, needed in (
         (Augmentation(scale=(0.1, 1), right_y_px=(-20, 20)), (320, 720), "expected smaller movements: a crop"),
         (Augmentation(right_roll_deg=(-5, 5)), (320, 720), "an upper end of 3.903 or more, got 1"),
@@ -80,11 +81,11 @@ def test_a_scale_is_raised_until_the_crop_fits():
 @pytest.mark.parametrize("crop", [None, (32, 48)])
 def test_the_default_changes_nothing(crop):
     pair = make_frame(1)
-    drawn = Augmentation().sample(crop, (32, 48), 0, 0)
-    changed = drawn.applied(pair, np.random.default_rng(0))
+    sampled = Augmentation().sample(crop, (32, 48), 0, 0)
+    changed = sampled.applied(pair, np.random.default_rng(0))
     assert changed.camera == pair.camera
     for role, array in changed.arrays().items():
-        rtol = 1e-6 if role.startswith("depth") else 0  # a crop rounds inverse depths
+        rtol = 1e-6 if role.startswith("depth") else 0  # depth goes through float32 inverse depth
         np.testing.assert_allclose(array, pair.arrays()[role], rtol, err_msg=role)
     raw = {f"{name}_{eye}" for name in ("raw", "raw_map") for eye in EYES}
     assert set(pair.arrays()) - set(changed.arrays()) == raw
@@ -125,12 +126,12 @@ def test_colours_do_what_their_names_say():
     np.testing.assert_allclose(coloured(saturation=0), np.repeat(luminance[..., None], 3, 2), atol=1.5)
     balance = np.array([1.1, 0.9, 1.0])
     np.testing.assert_allclose(coloured(white_balance=balance), IMAGE * balance, atol=1)
-    # It comes after the saturation.
+    # The white balance comes after the saturation.
     grey = coloured(saturation=0, white_balance=balance)
     np.testing.assert_allclose(grey, luminance[..., None] * balance, atol=1.5)
     turned = coloured(hue_turns=0.2)
     assert np.abs(turned - IMAGE).mean() > 10
-    soft = (IMAGE // 4 + 90).astype(np.uint8)  # nothing is clipped
+    soft = (IMAGE // 4 + 90).astype(np.uint8)  # a low contrast avoids clipping
     np.testing.assert_allclose(
         coloured(soft, hue_turns=0.2) @ [0.299, 0.587, 0.114], soft @ [0.299, 0.587, 0.114], atol=1.5
     )
@@ -147,7 +148,7 @@ def test_changes_that_are_alike_leave_equal_pixels_equal(brightness, contrast, s
     alike = Augmentation(**{name: (value, value) for name, value in ends.items()}, white_balance=(balance, balance))
     left = IMAGE[..., 0] if grey else IMAGE
     right = left.copy()
-    right[::2] //= 2  # the right image is darker
+    right[::2] //= 2
     camera = StereoCamera.centred(30, 20, 20.0, 0.1)
     pair = Frame(camera, ViewArrays({"image": left}), ViewArrays({"image": right}))
     changed = alike.sample(None, (20, 30), 0, 0).applied(pair, np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""A changed pair is the pair that the renderer draws with the changed camera."""
+"""An augmented pair equals the pair that the renderer makes with the changed camera."""
 
 from dataclasses import replace
 
@@ -20,33 +20,33 @@ from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds.splits import Split
 
-DRAWN = ("visibility", "correspondence", "instances", "depth", "normals", "sky")
+RENDERED = ("visibility", "correspondence", "instances", "depth", "normals", "sky")
 
 
 def make_frame(index, without=(), truth="both"):
-    """A pair made by hand as the augmentation gets it, which takes raw images and their maps out."""
+    """Make a hand-made pair without raw images and maps, which augmentations do not get."""
     outputs = [output for output in OUTPUTS if output not in {"raw", "raw_map", *without}]
     return hand_made_pairs.make_frame(index, outputs, truth)
 
 
 @pytest.fixture
-def draw(backend):
-    """Render a scene of the tiny rig, with the camera that a function makes of the scene's camera."""
-    config = tiny().model_copy(update={"outputs": DRAWN})
+def render(backend):
+    """Return a function that renders a scene after changing its camera."""
+    config = tiny().model_copy(update={"outputs": RENDERED})
     sources = prepare_sources(config, Split(3))
     sampler = MixSampler(config, 3, sources.libraries, sources.atlas.patches)
     options = renderer_options(config) | {"rectified": False}
     with Renderer(sampler.models, sources.atlas.layers, backend=backend, **options) as renderer:
 
-        def drawn(change):
+        def rendered(change):
             scene = sampler.sample(0).scene
             return renderer.render(replace(scene, camera=change(scene.camera)))
 
-        yield drawn
+        yield rendered
 
 
-def both(draw, warp, sides=(60, 80), corner=(37, 21), fy_over_fx=1.0):
-    """Change a pair, and draw it so in the first place."""
+def both(render, warp, sides=(60, 80), corner=(37, 21), fy_over_fx=1.0):
+    """Return a pair that a warp changed, and the pair rendered with the changed camera."""
 
     def seen(camera):
         return replace(camera, fy_over_fx=fy_over_fx)
@@ -68,15 +68,15 @@ def both(draw, warp, sides=(60, 80), corner=(37, 21), fy_over_fx=1.0):
         )
 
     height, width = warp.source_size(sides)
-    changed = warp.applied(draw(seen).cropped(Crop(*corner, width, height)), sides)
-    expected = draw(as_changed)
+    changed = warp.applied(render(seen).cropped(Crop(*corner, width, height)), sides)
+    expected = render(as_changed)
     for name in ("focal_px", "focal_y_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
         assert getattr(changed.camera, name) == pytest.approx(getattr(expected.camera, name), abs=1e-9)
     return changed, expected
 
 
 def smooth(view):
-    """Tell where a view has one surface without edges around a pixel."""
+    """Mark the pixels without a jump of disparity in their 3 x 3 neighbourhood."""
     padded = np.pad(np.where(np.isfinite(view.disparity), view.disparity, 1e6), 1, "edge")
     around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
     return around.max((2, 3)) - around.min((2, 3)) < 1
@@ -94,23 +94,23 @@ def smooth(view):
         (Warp(1.1, 1.1, 1.5, 0.03, margin=10), 1.3),
     ],
 )
-def test_a_scaled_and_moved_pair_is_the_one_that_its_camera_sees(draw, warp, fy_over_fx):
-    changed, expected = both(draw, warp, fy_over_fx=fy_over_fx)
+def test_a_scaled_and_moved_pair_is_the_one_that_its_camera_sees(render, warp, fy_over_fx):
+    changed, expected = both(render, warp, fy_over_fx=fy_over_fx)
     for eye in EYES:
-        found, drawn = changed.view(eye), expected.view(eye)
-        assert set(found) == set(drawn)
-        alike = smooth(found) & smooth(drawn) & (found.instances == drawn.instances)
+        found, rendered = changed.view(eye), expected.view(eye)
+        assert set(found) == set(rendered)
+        alike = smooth(found) & smooth(rendered) & (found.instances == rendered.instances)
         assert alike.mean() > 0.3
-        for name, scale in (("disparity", 1), ("correspondence", 1), ("depth", 20 / np.median(drawn.depth))):
-            errors = np.abs(found[name] - drawn[name])[alike] * scale
+        for name, scale in (("disparity", 1), ("correspondence", 1), ("depth", 20 / np.median(rendered.depth))):
+            errors = np.abs(found[name] - rendered[name])[alike] * scale
             assert np.quantile(errors, 0.5) < 2e-3, name
             assert np.quantile(errors, 0.9) < 0.04, name
             assert np.quantile(errors, 0.99) < 0.2, name
-        assert np.median((found.normals * drawn.normals).sum(-1)[alike]) > 0.9999
-        assert (found.sky == drawn.sky)[alike].all()
-        # Images are resampled once more, and so softer, but at the same place: a pixel aside they differ far more.
+        assert np.median((found.normals * rendered.normals).sum(-1)[alike]) > 0.9999
+        assert (found.sky == rendered.sky)[alike].all()
+        # The warped image is softer, but not shifted: a shift by one pixel would at least double the difference.
         levels = found.image.astype(float)
-        aside = [np.abs(np.roll(levels, shift, (0, 1)) - drawn.image)[alike].mean() for shift in
+        aside = [np.abs(np.roll(levels, shift, (0, 1)) - rendered.image)[alike].mean() for shift in
                  ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))]  # fmt: skip
         assert aside[0] < 0.5 * min(aside[1:])
 
@@ -140,7 +140,7 @@ def test_the_ways_of_a_stretched_deviating_rig_are_those_of_its_camera(scales):
     pair = make_frame(1)
     pair = replace(pair, camera=replace(pair.camera, deviation=CameraDeviation(0.03, -0.02, 0.7, 1.02)))
     stretched = Warp(*map(float, scales)).applied(pair, (32 * scales[1], 48 * scales[0]))
-    # Of three columns or rows, the middle one lies on one of before.
+    # With a stretch by 3, the middle of three columns or rows is exactly at an original one.
     middle = (slice(scales[1] // 2, None, scales[1]), slice(scales[0] // 2, None, scales[0]))
     for eye in EYES:
         np.testing.assert_allclose(
@@ -149,7 +149,7 @@ def test_the_ways_of_a_stretched_deviating_rig_are_those_of_its_camera(scales):
 
 
 TEXTURES = {
-    # Ramps up and down. With weak slopes or tiny ways, the rounding to whole levels alone puts images out of place.
+    # Waves with steep slopes: with weak ones, rounding to whole levels would look like a shift.
     "long": lambda x, y: 128 + 60 * np.sin(0.4 * x + 0.2 * y) + 60 * np.sin(0.2 * x - 0.4 * y),
     "short": lambda x, y: 128 + 40 * np.sin(0.9 * x + 0.3 * y) + 40 * np.sin(0.5 * x - 1.1 * y) + 30 * np.sin(0.4 * y),
 }
@@ -211,7 +211,7 @@ def test_what_a_change_cannot_do_is_refused():
 def test_a_rectangle_hides_what_lies_behind_it(deviation):
     pair = make_frame(4)
     pair = replace(pair, camera=replace(pair.camera, deviation=deviation))
-    # What the whole right image does not show stays outside, whatever rounding says of it.
+    # Pixels that are outside the whole right image stay outside, even if rounding puts them inside.
     pair.left.visibility[10, 20:40:2] = OUTSIDE
     hidden = occluded(pair, [Crop(10, 6, 12, 9)])
     inside = np.zeros((32, 48), bool)
@@ -223,7 +223,7 @@ def test_a_rectangle_hides_what_lies_behind_it(deviation):
         np.testing.assert_array_equal(hidden.right[name][~inside], pair.right[name][~inside], err_msg=name)
     for name in pair.left.keys() - {"visibility"}:
         np.testing.assert_array_equal(hidden.left[name], pair.left[name], err_msg=name)
-    # The same rectangle stands in the other frames, where it hides what moves into it.
+    # The other frames have the same rectangle, which hides points that move into it.
     ways = {"visibility": pair.correspondences("left")}
     ways |= {f"{name}_visibility": pair.right[name] for name in ("flow", "flow_backward")}
     for name, way in ways.items():

@@ -1,4 +1,4 @@
-"""Truth between pixels belongs to the surface of the nearest pixel, and is exact on planes."""
+"""Resampled truth belongs to the surface of the nearest pixel, and is exact on planes."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ SLOPE = st.floats(-2, 2, width=32)
 
 @given(st.tuples(SLOPE, SLOPE), st.tuples(SLOPE, SLOPE), st.integers(4, 35), st.floats(0.3, 3), st.sampled_from("xy"))
 def test_a_value_is_that_of_the_surface_of_the_nearest_pixel(far, near, edge, scale, form):
-    """Two planes 200 px of disparity apart, divided by a column or a row; each is 3 px wide or more."""
+    """Two planes 200 px of disparity apart, with the edge at a column or a row."""
     y, x = np.mgrid[: SIDES[0], : SIDES[1]].astype(np.float64)
 
     def value(x, y, is_near):

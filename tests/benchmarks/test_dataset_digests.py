@@ -1,4 +1,4 @@
-"""`benchmarks/dataset_digests.py`: what it makes, and what it says about what it does not make."""
+"""`benchmarks/dataset_digests.py`: which cases it makes, and its messages about cases that it skips."""
 
 import sys
 from contextlib import nullcontext

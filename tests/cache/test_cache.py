@@ -1,4 +1,4 @@
-"""What is kept between runs: the same as what was built, never stale, and never in the way."""
+"""The cache returns what was built, never a stale entry, and never makes a run fail."""
 
 import hashlib
 import logging
@@ -30,14 +30,14 @@ LARGER = "v 0 0 0\nv 3 0 0\nv 2 2 0\nf 1 2 3\n"
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """A cache of the test's own."""
+    """Give each test an empty cache."""
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 
 @pytest.fixture
 def built(monkeypatch):
-    """Names of what was built, not found."""
+    """Record the names of the functions that built a result."""
     names = []
     for home, name in ((prepare, "build_atlas"), (prepare, "procedural_atlas"), (model_library, "_build")):
         original = getattr(home, name)
@@ -56,7 +56,7 @@ def photographs(tmp_path):
 
 def save(path, seed, side=64):
     pixels = np.random.default_rng(seed).integers(0, 256, (side, side, 3), dtype=np.uint8)
-    Image.fromarray(pixels).save(path, compress_level=0)  # so that all have the same size
+    Image.fromarray(pixels).save(path, compress_level=0)  # all files have the same size
 
 
 def textures(home, **values):
@@ -79,7 +79,7 @@ def library(home, **values):
 
 
 def plain(value):
-    """All that a result holds, in lists that compare."""
+    """Turn a result into nested lists that == can compare."""
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.flags.writeable, hashlib.sha256(value.tobytes()).hexdigest()
     if is_dataclass(value):
@@ -101,7 +101,7 @@ def test_an_atlas_that_is_found_equals_the_one_that_was_built(photographs, built
     section = textures(photographs, **values)
     first, again = prepare_atlas(section, Split(3)), prepare_atlas(section, Split(3))
     assert plain(first) == plain(again)
-    again.layers[:] = 0  # what is found may be written to, and stays
+    again.layers[:] = 0  # writing to a result must not change the cache
     assert plain(first) == plain(prepare_atlas(section, Split(3)))
     assert len(built) == 1
     prepare_atlas(section, Split(4))
@@ -116,8 +116,8 @@ def test_models_that_are_found_equal_those_that_were_built(own, built):
 
 
 def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
-    draw = Mock(wraps=disparity_solver.sample_static_scene)
-    monkeypatch.setattr(disparity_solver, "sample_static_scene", draw)
+    sample = Mock(wraps=disparity_solver.sample_static_scene)
+    monkeypatch.setattr(disparity_solver, "sample_static_scene", sample)
     monkeypatch.setattr(disparity_solver, "_PILOTS", 3)
 
     def found(seed=0, **changes):
@@ -127,10 +127,10 @@ def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
 
     assert plain(found()) == plain(found())
     found(textures={"source": "procedural"}, imperfections={"blur_px": 1})  # textures do not change the pilots
-    assert draw.call_count == 3
+    assert sample.call_count == 3
     for number, changes in enumerate(({"seed": 1}, {"camera": {"baseline_m": 0.5}}, {"models": {"variants": 2}}), 2):
         found(**changes)
-        assert draw.call_count == 3 * number, changes
+        assert sample.call_count == 3 * number, changes
 
 
 def test_photographs_that_change_come_or_go_count(photographs, built):
@@ -150,7 +150,7 @@ def test_photographs_that_change_come_or_go_count(photographs, built):
         change()
         prepare_atlas(section, Split(0))
     assert built == ["build_atlas"] * 4
-    prepare_atlas(textures(photographs, wrap="repeat", anisotropy=8), Split(0))  # keys that decide no patch
+    prepare_atlas(textures(photographs, wrap="repeat", anisotropy=8), Split(0))  # these keys do not change the patches
     assert built == ["build_atlas"] * 4
 
 
@@ -174,7 +174,7 @@ ARRAYS = np.zeros((0, 3)), np.arange(3000, dtype=np.float32).reshape(300, 10)
 
 
 def pair(number=0, builds=None):
-    """A result of numbers and arrays from the cache; ``builds`` gets an item when it is built."""
+    """Get a result of numbers and arrays from the cache; append to ``builds`` if it was built."""
 
     def build():
         if builds is not None:

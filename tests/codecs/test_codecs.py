@@ -1,4 +1,4 @@
-"""Codecs in both directions, against other people's readers and writers."""
+"""Codecs in both directions, compared with other readers and writers."""
 
 import io
 import struct
@@ -58,7 +58,7 @@ def test_png_of_each_kind_comes_back_here_and_by_opencv(image):
 
 @pytest.mark.parametrize("length", [100, 288, 289, 310, 4000])
 def test_where_a_stream_is_in_memory_does_not_matter(monkeypatch, length):
-    """A match with the third byte, which ISA-L finds where those from there on are those of the stream's address."""
+    """The third to sixth bytes equal part of the stream's address, with which ISA-L 2.32 confuses them."""
     rng = np.random.default_rng(0)
     streams = [isal_zlib.compressobj(1) for _ in range(8)]
     assert len({id(stream) >> 16 for stream in streams}) > 1
@@ -95,7 +95,7 @@ def test_wrong_png_is_refused_by_name(tmp_path):
 
 @given(disparities, st.sampled_from([PFM, PFM3, FLOW_CODECS["pfm"], FLOW_CODECS["flo"]]))
 def test_floats_come_back_bit_for_bit_here_and_pfm_by_opencv(image, codec):
-    if codec is not PFM:  # in flow, both components are inf where there is none
+    if codec is not PFM:  # in flow, either both components are inf or none
         image = np.stack([image, image / 2, -image], axis=2)[..., : 3 if codec is PFM3 else 2]
     data = codec.encode(image)
     came = codec.decode(data, PATH)

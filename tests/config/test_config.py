@@ -263,8 +263,8 @@ def test_a_later_focal_length_takes_back_the_earlier():
 @given(st.floats(-1e6, 1e6), st.floats(0, 1e6), st.integers(0, 2**32))
 def test_draws_stay_in_their_range(low, width, seed):
     value = Range(low, low + width)
-    drawn = [value.sample(np.random.default_rng(seed)), *value.sample_many(np.random.default_rng(seed), 20)]
-    assert all(low <= x <= low + width for x in drawn)
+    samples = [value.sample(np.random.default_rng(seed)), *value.sample_many(np.random.default_rng(seed), 20)]
+    assert all(low <= x <= low + width for x in samples)
 
 
 def test_digests_follow_values_not_spelling(tmp_path):

@@ -1,4 +1,4 @@
-"""The dataset card: what hubs and their readers make of it."""
+"""The dataset card, as the Hugging Face Hub and `datasets` read it."""
 
 import json
 from fnmatch import fnmatch
@@ -16,7 +16,7 @@ from semisynth_gl.frame.channels import RENDERED_OUTPUTS
 from semisynth_gl.layouts import find_layout, layout_names
 
 FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
-# The config's name has the name of a split in it.
+# The config's name contains the name of a split.
 NAME = "tiny-train-x"
 
 
@@ -40,14 +40,14 @@ def test_load_dataset_reads_every_image_and_nothing_else(layout, tmp_path, monke
     plan, _ = written(tmp_path / "o", layout, config_of(name=NAME, outputs=outputs, sequence={"length": 2}))
     front, _ = front_of((tmp_path / "o/README.md").read_bytes())
     names = [config["config_name"] for config in front["configs"]]
-    # KITTI's flow is 16-bit RGB, of which 8 bits would arrive.
+    # `datasets` would read KITTI's flow, 16-bit RGB, with 8 bits.
     images = {role for role, path in plan.files("train", 0).items() if path.endswith((".png", ".jpg"))}
     assert set(names) == {role for role in images if not (layout == "kitti" and role.startswith("flow"))}
     for name in [None, *names]:
         loaded = datasets.load_dataset(str(tmp_path / "o"), name, cache_dir=str(tmp_path / "cache"))
         for split, pairs in plan.pairs.items():
             assert loaded[split].column_names == ["image"]
-            # Row i of each config is of the same pair.
+            # Row i is the same pair in each config.
             files = sorted((plan.files(split, pair) for pair in range(pairs)), key=lambda each: each["left"])
             for row, own in zip(loaded[split], files, strict=True):
                 expected = Image.open(tmp_path / "o" / own[name or "left"])

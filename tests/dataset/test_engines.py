@@ -1,4 +1,4 @@
-"""Engines: the same bytes from each, and the same after a kill at any moment."""
+"""All engines write the same bytes, also after a kill at any moment."""
 
 import multiprocessing
 import os
@@ -33,7 +33,7 @@ def config():
 
 @pytest.fixture(scope="module")
 def wanted(config, tmp_path_factory):
-    """Digests of a dataset of three shards by its layout."""
+    """Write a dataset of three shards in each layout; return the digests by layout."""
     folder = tmp_path_factory.mktemp("wanted")
     for layout in LAYOUTS:
         generate(config, folder / layout, PAIRS, SEED, layout=layout, shard_pairs=3)
@@ -73,7 +73,7 @@ def test_killed_at_any_moment_the_same_command_gives_the_same_bytes(
     time.sleep(moment)
     process.send_signal(sent)
     _, said = process.communicate(timeout=PATIENCE_S)
-    # A worker whose parent is killed while it starts may say so.
+    # A worker that is starting while its parent is killed may print a traceback.
     assert sent == signal.SIGKILL or "Traceback" not in said
     done = run_python(*command(config, out, layout, *arguments)[1:])
     assert done.code == 0, done.err
@@ -82,7 +82,7 @@ def test_killed_at_any_moment_the_same_command_gives_the_same_bytes(
 
 @pytest.mark.parametrize("engine", [None, LocalEngine(2)], ids=["serial", "local"])
 def test_an_interrupt_ends_a_run_and_keeps_complete_shards(config, wanted, tmp_path, monkeypatch, engine):
-    monkeypatch.setattr(make, "is_software", lambda _: False)  # in this process, another thread encodes
+    monkeypatch.setattr(make, "is_software", lambda _: False)  # then a thread encodes in this process
     with pytest.raises(KeyboardInterrupt):
         run(config, tmp_path / "o", engine, listener=Recorder(4 if engine is None else 1))
     complete = [(tmp_path / "o" / SHARD.format(shard)).exists() for shard in range(3)]
@@ -125,7 +125,7 @@ PairRenderer.render = faulty
 
 
 def in_workers(config, tmp_path, fault):
-    """Run a program whose workers have a fault at pair 4; return what it prints."""
+    """Run a program whose workers fail at pair 4; return its output."""
     (tmp_path / "config.json").write_text(config.model_dump_json())
     (tmp_path / "program.py").write_text(SCRIPT.format(fault=FAULT.format(fault)))
     return run_python(*(tmp_path / name for name in ("program.py", "config.json", "o"))).out
@@ -147,7 +147,7 @@ KILL = """
 def test_lost_workers_are_replaced_twice(config, wanted, tmp_path):
     said = in_workers(config, tmp_path, KILL.format(2))
     assert said.count("a worker process died: the workers are restarted for ") == 2
-    # Another worker has made the first of three shards before each death.
+    # The first of the three shards is complete before each death.
     assert "for 3 shards" not in said
     assert digests(tmp_path / "o") == wanted["middlebury"]
 
@@ -175,7 +175,7 @@ def test_shards_by_machine_make_the_whole(config, wanted, tmp_path):
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_full_disk_costs_no_complete_shard(config, wanted, tmp_path, layout):
-    """The limit stands for the end of the disk: it holds for every file, and the largest are the tars."""
+    """Simulate a full disk by a limit on the size of files."""
     out = tmp_path / "o"
     run(config, out, layout=layout, shards=range(1))
     largest = max(path.stat().st_size for path in out.rglob("*") if path.is_file())
@@ -201,7 +201,7 @@ def test_a_dataset_is_not_replaced_while_another_run_makes_its_shards(config, tm
         for overwrite in (False, True):
             with pytest.raises(InputError, match=r"seed|another run is making this dataset"):
                 generate(config, out, 3000, SEED + 1, shards=range(1), overwrite=overwrite, shard_pairs=3)
-        # The same dataset has nothing to replace: its shards may be shared.
+        # Runs of the same dataset may share its shards, since --overwrite then has nothing to replace.
         generate(config, out, 3000, SEED, shards=range(1), overwrite=True, shard_pairs=3)
         assert (out / SHARD.format(0)).exists()
         assert first.poll() is None
@@ -212,7 +212,7 @@ def test_a_dataset_is_not_replaced_while_another_run_makes_its_shards(config, tm
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])
 def test_workers_end_with_the_first_process(config, tmp_path, sent):
     arguments = [*command(config, tmp_path / "o", "middlebury"), "--workers", "2", "--pairs", "3000"]
-    # A session of its own: the interrupt goes to all of it, as from a terminal.
+    # Ctrl-C in a terminal interrupts the whole process group, so start a new one.
     with subprocess.Popen(
         arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as first:
@@ -243,7 +243,7 @@ def test_pairs_are_encoded_while_others_are_rendered_and_come_in_order():
             yield number
 
     def encode(number):
-        # The last one has nothing to wait for.
+        # Each pair but the last waits until the next one is rendered.
         assert rendered[min(number + 1, len(rendered) - 1)].wait(PATIENCE_S)
         return number, threading.current_thread() is threading.main_thread()
 

@@ -1,4 +1,4 @@
-"""The cluster engine, on a cluster of two nodes on this machine."""
+"""The Ray engine on a local cluster of two nodes."""
 
 import sys
 from contextlib import contextmanager
@@ -32,7 +32,7 @@ def nodes():
 
 
 def test_a_dataset_outlives_a_node_a_stop_and_an_error(tmp_path, monkeypatch):
-    """One test for all, since a cluster takes long to start."""
+    """One test for all three, since starting a cluster is slow."""
     monkeypatch.setenv("PYTHONPATH", ":".join(filter(None, [str(Path(__file__).parents[1]), *sys.path])))
     config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
 

@@ -1,4 +1,4 @@
-"""The folder of a dataset: what is missing is made again, other people's files stay, one run works at a time."""
+"""The folder of a dataset: runs make missing shards, keep the user's files, and exclude each other."""
 
 import fcntl
 import shutil
@@ -44,7 +44,7 @@ def copied(clean, layout, to):
 
 
 def tree(folder):
-    """Every file, link and folder below a folder, with what it holds or leads to; logs say how long it took."""
+    """Return content, target or None of every file, link and folder; not of logs, which contain durations."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -179,7 +179,7 @@ def test_overwrite_makes_a_finished_dataset_anew_and_goes_on_with_an_unfinished_
 
 
 class Killed(BaseException):
-    """The end of a process, as far as the disk can tell."""
+    """Stands for a kill of the process."""
 
 
 @pytest.mark.parametrize("before", ["sceneflow", "middlebury", "webdataset"])
@@ -225,7 +225,7 @@ def test_killed_before_it_renames_a_file_a_run_goes_on(clean, tmp_path, name):
 
 
 def test_a_store_is_filled_grown_and_overwritten_by_the_same_rules(clean, tmp_path):
-    """fsspec's store in memory stands in for those that need a server."""
+    """Uses fsspec's in-memory store in place of a server."""
     address = f"memory://{tmp_path.name}/set"
     write(address, "sceneflow", {"train": 2, "validation": 1})
     assert write(address, "sceneflow") == [1]

@@ -1,11 +1,11 @@
-"""The format of datasets: one kept from format 1, read by this program, and what this one does with other formats.
+"""This program reads a stored dataset of format 1, and refuses other formats.
 
 `tests/data/format-1` was written by version 0.1.0, for each LAYOUT by
 
     semisynth-gl generate --config tests/data/format-1.yaml --layout LAYOUT --pairs 1 --seed 1 \\
         --out tests/data/format-1/LAYOUT
 
-It is not to be made again: a change that needs it made again has broken the datasets of users.
+Never regenerate it: a change that cannot read it breaks users' datasets.
 """
 
 import json
@@ -24,8 +24,8 @@ from semisynth_gl.judge.verify import verify
 
 DATA = Path(__file__).parents[1] / "data"
 KEPT = DATA / "format-1"
-# The first pixels of a row, and sums over the left and the right view, of what version 0.1.0 wrote; CREStereo counts in
-# 1/32 px, and decoders of JPEG round in their own ways.
+# The first pixels of a row, and the sums over the left and the right view, as version 0.1.0 wrote them. CREStereo
+# stores 1/32 px; JPEG decoders round differently.
 DISPARITY_PX = {"webdataset": [1.3519557, 1.3307121, 1.3094685], "crestereo": [1.34375, 1.34375, 1.3125]}
 SUMS = {
     "webdataset": {"image": (76810, 76994), "disparity": (319.32737171649933, 306.65338003635406)},

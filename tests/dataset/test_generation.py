@@ -1,4 +1,4 @@
-"""Datasets as `generate` makes them: layouts, seeds, splits, shards."""
+"""Datasets of `generate`: layouts, seeds, splits, shards."""
 
 import json
 

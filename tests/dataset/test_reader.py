@@ -1,4 +1,4 @@
-"""Datasets on disk, opened again: by many processes, with files of another size, and what is no dataset."""
+"""The dataset reader: many processes, files of another size, and folders that are no dataset."""
 
 import json
 import multiprocessing
@@ -37,7 +37,7 @@ def test_what_is_no_dataset_is_refused(tmp_path):
 
 
 def test_a_dataset_without_the_section_has_the_default_encodings(tmp_path):
-    """As another version may have written it: with less, or more, in its config."""
+    """Another version of the program may have written a config with missing or additional sections."""
     plan = make_plan(config_of(), 0, "middlebury", {"train": 1}).values()
     values = plan["config_values"]
     del values["files"], values["imperfections"]
@@ -75,7 +75,7 @@ def test_16_bit_disparities_beyond_256_px_are_counted(tmp_path, program):
 
 
 def check(opened, seed):
-    """Read pairs in an order of the reader's own."""
+    """Read pairs in a random order."""
     for number in np.random.default_rng(seed).integers(0, PAIRS, READS).tolist():
         truth = make_frame(number, ()).arrays()
         arrays = opened[number].arrays()
@@ -87,14 +87,14 @@ def check(opened, seed):
 def test_many_readers_share_an_open_dataset(tmp_path, method):
     write_dataset(tmp_path, "webdataset", {"train": PAIRS}, 3, config_of(outputs=[]))
     opened = open_dataset(tmp_path)
-    # What a reader holds open is open before it is shared.
+    # Read first, so that the reader has its files open when processes or threads share it.
     check(opened, 0)
     pool = ThreadPool(4) if method == "threads" else multiprocessing.get_context(method).Pool(2)
     with pool:
         pool.starmap(check, [(opened, seed) for seed in range(4)], chunksize=1)
 
 
-# Files of another size than the dataset's images have
+# Files of another size than the dataset's images
 
 
 @pytest.mark.parametrize("name", [name for name in layout_names() if not find_layout(name).packed])
@@ -124,7 +124,7 @@ def test_a_file_of_another_size_is_refused(tmp_path, name):
 
 
 def test_a_pair_of_another_dataset_or_camera_is_refused(tmp_path):
-    """All of its files are of one size, and of another one than the dataset's."""
+    """All files of the pair have the same size, but not the dataset's."""
     write_dataset(tmp_path / "set", "eth3d", {"train": 1}, 1)
     calib = tmp_path / "set" / open_dataset(tmp_path / "set").index.plan.files("train", 0)["calibration"]
     text = calib.read_text()

@@ -1,4 +1,4 @@
-"""Datasets in an object store: a local S3 server stands in for the real ones."""
+"""Datasets in an object store, tested with a local S3 server."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ BUCKET = "s3://datasets"
 
 @pytest.fixture
 def store(monkeypatch):
-    """Address of a bucket that is empty."""
+    """Yield the address of an empty bucket."""
     pytest.importorskip("s3fs")
     server = pytest.importorskip("moto.server").ThreadedMotoServer(port=0)
     server.start()
@@ -31,10 +31,10 @@ def store(monkeypatch):
         monkeypatch.setenv(name, value)
     import s3fs
 
-    # Each server has a port of its own, and s3fs remembers the connection.
+    # Each server has another port, and s3fs caches the connection.
     s3fs.S3FileSystem.clear_instance_cache()
     system = s3fs.S3FileSystem()
-    if not system.exists("datasets"):  # servers of one process share what they hold
+    if not system.exists("datasets"):  # servers in one process share their buckets
         system.mkdir("datasets")
     yield BUCKET
     server.stop()
@@ -59,7 +59,7 @@ def test_a_killed_run_leaves_whole_shards_and_is_taken_up(store, tmp_path):
     try:
         while not any(name.endswith(".tar") for name in names_below(root)):
             assert process.poll() is None
-            # The server works in this process, and would take the run's share of the processor.
+            # Polling without pause would slow down the server, which is a thread of this process.
             time.sleep(0.05)
     finally:
         process.kill()

@@ -1,4 +1,4 @@
-"""Datasets that were cut off or tampered with: refused with file and key, and found by verify."""
+"""Truncated or tampered datasets: readers refuse them with file and key, and verify finds them."""
 
 import json
 import math
@@ -45,7 +45,7 @@ def dataset(request, clean, tmp_path):
 
 
 def keys_of(value, above=()):
-    """All keys below a value, with theirs; of a list the first item alone."""
+    """Yield the paths and values of all keys below a value; of a list, only of the first item."""
     items = value.items() if isinstance(value, dict) else enumerate(value[:1]) if isinstance(value, list) else ()
     for key, child in items:
         yield (*above, key), child
@@ -53,7 +53,7 @@ def keys_of(value, above=()):
 
 
 def tampered(values, path, value):
-    """The text of a document in which a key has another value."""
+    """Return a document as JSON, with another value at a path of keys."""
     values = json.loads(json.dumps(values))
     *above, last = path
     node = values
@@ -64,7 +64,7 @@ def tampered(values, path, value):
 
 
 def read_all(folder):
-    """Read every pair; what is read is the truth."""
+    """Read every pair and compare it with the truth."""
     opened = open_dataset(folder)
     for number in range(len(opened)):
         truth = make_frame(opened.pair(number)[1], ("visibility",)).arrays()
@@ -73,7 +73,7 @@ def read_all(folder):
 
 
 def found(folder):
-    """Messages of verify, as the command prints them."""
+    """Return the messages of verify."""
     try:
         return [finding.message for finding in verify(folder, rays=0).findings]
     except SemisynthError as error:
@@ -81,7 +81,7 @@ def found(folder):
 
 
 def refusal(read, *arguments):
-    """What a reader says that refuses; None where it does not."""
+    """Return a reader's error message; None if it reads."""
     try:
         read(*arguments)
     except SemisynthError as error:
@@ -89,9 +89,9 @@ def refusal(read, *arguments):
     return None
 
 
-# The config's values that pairs are read by.
+# The config's keys that readers use.
 READ_BY = ("name", "outputs", "truth", "camera", "width_px", "sequence", "length", "files", "image")
-# What readers take from a record of a pair and from the index of the sources.
+# Keys of records and of the index that readers ignore.
 UNREAD = {"redrawn", "share_beyond", "left_out", "plugins"}
 
 
@@ -109,7 +109,7 @@ def test_a_key_with_a_wrong_value_is_refused_by_name(clean, plans, tmp_path, nam
         if keys[0] == "config_values" and not all(key in READ_BY for key in keys[1:]):
             continue
         if name == INDEX and (keys[0] in {"splits", "redraws", "bytes"} or (keys[0] in plan.values() and keys[1:])):
-            continue  # as in the plan
+            continue  # the plan's own test covers them
         if UNREAD.intersection(keys):
             continue
         for value in (3 if isinstance(original, str) else "x", math.nan):
@@ -159,7 +159,7 @@ def test_a_file_cut_off_or_with_a_changed_byte_breaks_nothing(dataset, plans, na
 def test_a_tar_that_is_cut_or_anothers_is_refused(clean, tmp_path):
     dataset = shutil.copytree(clean / "webdataset", tmp_path / "set")
     data = (dataset / TAR).read_bytes()
-    # In the last case as many bytes, and other members.
+    # The last case keeps the length but breaks the members.
     for changed in (*(data[:length] for length in (0, 100, 700, len(data) // 2)), data[512:] + data[:512]):
         (dataset / TAR).write_bytes(changed)
         assert (TAR if len(changed) < len(data) else "00000000.left.png: expected a PNG") in refusal(read_all, dataset)

@@ -1,4 +1,4 @@
-"""The notebook of examples/, run from its first cell to its last."""
+"""Every cell of the example notebook runs."""
 
 import json
 import os
@@ -23,7 +23,7 @@ def test_the_notebook_runs():
     book = nbformat.read(NOTEBOOK, as_version=4)
     book.cells.append(nbformat.v4.new_code_cell(FACTS))
     client = nbclient.NotebookClient(book, timeout=None, resources={"metadata": {"path": str(NOTEBOOK.parent)}})
-    # Threads that wait for each other are slow where tests of other processes run too.
+    # More threads are slow while other processes run tests.
     client.execute(env={**os.environ, "OMP_NUM_THREADS": "1"})
     outputs = [output for cell in book.cells for output in cell.get("outputs", ())]
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 4

@@ -1,4 +1,4 @@
-"""The example that trains, and the one that predicts: network, losses, order of samples, and both commands."""
+"""The examples train.py and predict.py: network, losses, order of samples, and both commands."""
 
 import hashlib
 import os
@@ -77,7 +77,7 @@ class Seen(torch.nn.Module):
 
 @pytest.fixture(scope="module", autouse=True)
 def _alone(one_thread, tmp_path_factory):
-    """One thread and no GPU, here and in processes that tests start; all find the networks above."""
+    """Use one thread and no GPU, here and in child processes; all can import the networks above."""
     folder = tmp_path_factory.mktemp("networks")
     (folder / "their_networks.py").write_text(NETWORKS)
     with pytest.MonkeyPatch.context() as patch:
@@ -98,7 +98,7 @@ def dataset(tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def _small_motorcycle():
-    """Motorcycle at a fifth of its size, which is faster."""
+    """Shrink Motorcycle to a fifth, to be fast."""
     pair = judged_pairs.motorcycle()[0]
     images = [pair[eye].numpy().transpose(1, 2, 0)[::5, ::5] for eye in ("left", "right")]
     truth = Truth(np.ascontiguousarray(pair["truth"].disparity[::5, ::5] / 5))
@@ -129,13 +129,13 @@ def checked(done):
 
 
 def refused(done, words):
-    """A sentence at the end, without a traceback."""
+    """Tell whether a command ended with an error message with these words, without a traceback."""
     said = done.output.rpartition("Error: ")[2]
     return (done.exit_code, words in said, "Traceback" in done.output) == (2, True, False)
 
 
 def started(*arguments, **environment):
-    """Start the command in a process of its own."""
+    """Start the training in a new process."""
     words = [sys.executable, train.__file__, *map(str, arguments)]
     return subprocess.Popen(words, env=os.environ | environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
@@ -144,7 +144,7 @@ def left_in(folder):
     return torch.load(folder / "checkpoint.ckpt", weights_only=True)
 
 
-# --- what the documentation says ---
+# --- documentation ---
 
 
 def test_the_documented_network_learns_by_the_documented_command(dataset, tmp_path, monkeypatch):
@@ -210,7 +210,7 @@ def test_estimates_weigh_as_their_authors_have_it():
     def of(loss, *errors):
         return train.loss_of(loss, [truth + error for error in errors], truth, truth > 0).item()
 
-    # The first of n estimates weighs 0.9 ** 15 in RAFT-Stereo, for any n.
+    # In RAFT-Stereo, the first of n estimates has the weight 0.9 ** 15 for any n.
     for count in (2, 5, 16):
         assert of("sequence", 4, *[0] * (count - 1)) == pytest.approx(4 * 0.9**15, rel=1e-5)
     assert of("sequence", 4) == of("sequence", 0, 4) == 4
@@ -220,7 +220,7 @@ def test_estimates_weigh_as_their_authors_have_it():
 
 def test_levels_and_padding_are_those_that_networks_take():
     for levels, expected in (("unit", [1] * 3), ("byte", [255] * 3), ("imagenet", [2.2489, 2.4286, 2.6400])):
-        for channels in (3, 1):  # grey cameras have one
+        for channels in (3, 1):  # 1: grey camera
             module = module_of("their_networks:Seen", levels=levels)
             module.predict_disparity(*torch.full((2, channels, 2, 2), 255, dtype=torch.uint8))
             assert module.network.asked[0][0, :, 0, 0].tolist() == pytest.approx(expected, abs=1e-4)
@@ -248,7 +248,7 @@ class Part(list):
 
 
 def order(*sizes_and_shares, step=0, rank=0, world=1, seed=0):
-    """The numbers that an epoch takes from a step on, and the epochs that the sources are told."""
+    """Return the pair numbers from a step to the epoch's end, and the epoch that each source is set to."""
     sources = [(Part(range(size)), share) for size, share in sizes_and_shares]
     trainer = SimpleNamespace(global_step=step, global_rank=rank, world_size=world)
     return [*train.TrainingOrder(sources, 2, seed, trainer)], [part.epoch for part, _ in sources]
@@ -260,7 +260,7 @@ def test_the_step_decides_which_pairs_are_taken():
     assert (first[0] != second[0], second[1]) == (True, [1])
     assert order((12, 1.0), seed=5)[0] not in (first[0], second[0])
     assert order((12, 1.0), step=8) == (second[0][4:], [1])
-    # Three devices take different pairs; an odd one is left out.
+    # Three devices take different pairs; the order drops the thirteenth.
     numbers = [number for rank in range(3) for number in order((13, 1.0), step=4, rank=rank, world=3)[0]]
     assert len({*numbers}) == len(numbers) == 12
     assert [len(order((13, 1.0), step=5, rank=rank, world=3)[0]) for rank in range(3)] == [2, 2, 2]
@@ -332,7 +332,7 @@ def test_the_command_trains_judges_tunes_and_resumes(dataset, tmp_path):
     options = (*LEARNT, *CROP, "--data", dataset, "--every", 2, "--steps", 3)
     options += ("--evaluate", tmp_path / "scenes", "--evaluate", dataset, "--out")
     output = checked(run(*options, tmp_path / "out", "--learning-rate", 0))
-    # The network says 3 px everywhere, which is the truth of the scene.
+    # The network predicts 3 px everywhere, the truth of the scene.
     assert all(f"step {step}: {tmp_path / 'scenes'}: avgerr 0.00 px" in output for step in (0, 2, 3))
     truths = [frame.left.disparity for frame in open_dataset(dataset)]
     mean = np.mean([np.abs(truth[np.isfinite(truth)] - 3).mean() for truth in truths])
@@ -346,12 +346,12 @@ def test_the_command_trains_judges_tunes_and_resumes(dataset, tmp_path):
 
 
 def test_a_killed_training_goes_on_as_if_nothing_had_happened(dataset, tmp_path, monkeypatch):
-    # 8 steps in epochs of 3, with a process that reads.
+    # 8 steps in epochs of 3 steps, with one worker.
     options, every = (*LEARNT, *CROP, "--data", dataset, "--steps", 8, "--workers", 1), 4
     monkeypatch.setenv("SEEN", str(tmp_path / "undisturbed"))
     checked(run(*options, "--every", 8, "--out", tmp_path / "whole"))
     seen, whole = (tmp_path / "undisturbed0").read_text().split(), left_in(tmp_path / "whole")
-    assert len({*seen}) == 16  # each epoch has other crops and changes
+    assert len({*seen}) == 16  # each epoch samples other crops and augmentations
     options += ("--every", every, "--out", tmp_path / "out")
     with started(*options, SEEN=str(tmp_path / "killed"), HANGS_AFTER="10") as begun:
         while begun.poll() is None and not (tmp_path / "killed0.hangs").exists():
@@ -360,7 +360,7 @@ def test_a_killed_training_goes_on_as_if_nothing_had_happened(dataset, tmp_path,
     assert (begun.returncode, left_in(tmp_path / "out")["global_step"]) == (-signal.SIGKILL, every)
     monkeypatch.setenv("SEEN", str(tmp_path / "resumed"))
     checked(run(*options, "--resume"))
-    # It takes the samples that it would have taken, and draws, learns and schedules the same, to the last bit.
+    # The resumed training takes the remaining samples, and ends with the same state bit for bit.
     assert (tmp_path / "resumed0").read_text().split() == seen[2 * every :]
     resumed = left_in(tmp_path / "out")
     assert resumed["global_step"] == whole["global_step"] == 8
@@ -418,7 +418,7 @@ def test_motorcycle_is_as_documented():
     y, x = np.nonzero(np.isfinite(pair["truth"].disparity))
     disparity = pair["truth"].disparity[y, x]
     assert 7 < disparity.min() < disparity.max() < 60
-    # The disparity is that of the left view: what it points at looks alike.
+    # Left pixels resemble the right pixels that the left view's disparity points to.
     assert np.abs(left[y, x] - right[y, np.clip(np.rint(x - disparity).astype(int), 0, 740)]).mean() < 10
 
 

@@ -23,7 +23,7 @@ cameras = st.builds(
 def test_depth_and_disparity_are_inverse(camera, depth):
     assume(camera.baseline_m > 1e-3)
     disparity = camera.disparity_px(depth)
-    # f B / Z may be far smaller than doffs, which then costs digits.
+    # If f B / Z is far smaller than doffs, the subtraction loses digits.
     digits = (abs(disparity) + abs(camera.doffs_px)) / (camera.focal_baseline / depth)
     assert camera.depth_m(disparity) == pytest.approx(depth, rel=1e-14 * digits + 1e-12)
 
@@ -40,7 +40,7 @@ def test_projection_puts_pixel_centres_at_half_window_coordinates(eye):
     assert clip[2] / clip[3] == pytest.approx(0.1 / depth)
 
 
-# many spheres do not reach into the view
+# Hypothesis discards the many spheres outside the view.
 @settings(suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 @given(
     st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-5, 30)),

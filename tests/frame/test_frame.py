@@ -1,4 +1,4 @@
-"""The table of channels, and the views and frames that hold them."""
+"""The table of channels, views and frames."""
 
 import pickle
 from dataclasses import replace
@@ -51,7 +51,7 @@ def test_a_row_of_the_table_fits_the_others(channel):
         mask = CHANNELS[channel.mask]
         assert (mask.dtype, mask.components, mask.fill) == (np.uint8, 1, 0)
         assert (mask.mask, mask.output) == (None, channel.output or mask.name)
-        # What has no value is no point that another image could show.
+        # A pixel without a value has no point that another image could show.
         assert np.isinf(channel.fill)
 
 
@@ -97,7 +97,7 @@ def test_a_view_and_a_frame_are_pickled_for_other_processes():
     frame = Frame(CAMERA, make_view(), make_view(("image", "disparity"), seed=1))
     stored = StoredFrame(CAMERA, frame.left, frame.right, name="lab-000003", index=3, provenance={"pair": 3})
     for original in (frame, stored):
-        came = pickle.loads(pickle.dumps(original))  # noqa: S301 - the bytes are from the line itself
+        came = pickle.loads(pickle.dumps(original))  # noqa: S301 - the test's own bytes
         assert type(came) is type(original)
         assert came.camera == CAMERA
         assert list(came.arrays()) == list(original.arrays())
@@ -123,14 +123,14 @@ def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
         assert 500 < seen.sum() < seen.size
         assert np.isnan(points[~seen]).all()
         np.testing.assert_allclose(points[..., 2][seen], view.depth[seen], rtol=1e-5)
-        # In the square's own frame: on its plane, and within it.
+        # In the square's frame, the points are on its plane and inside it.
         local = (points[seen] - corner) @ turn
         assert np.abs(local[:, 2]).max() < 2e-5
         assert np.abs(local[:, :2] - 1).max() < 1 + 2e-5
-        # Neighbours span the plane that the normals say.
+        # The normal is perpendicular to the vectors to neighbouring points.
         step = np.cross(points[20, 31] - points[20, 30], points[21, 30] - points[20, 30])
         np.testing.assert_allclose(-step / np.linalg.norm(step), view.normals[20, 30], atol=1e-3)
-        # The pixel again: the camera looks through its centre.
+        # The points project to the centres of their pixels.
         x_px = camera.intrinsics_px(eye)[0] + camera.focal_px * (points[..., 0] - camera.offset_m(eye)) / points[..., 2]
         np.testing.assert_allclose(x_px[seen], np.mgrid[:48, :64][1][seen], atol=1e-3)
 

@@ -1,4 +1,4 @@
-"""What callers in Python hand in: wrong types, closed renderers, other threads and processes."""
+"""Arguments of Python callers: wrong types, closed renderers, other threads and processes."""
 
 import gc
 import json
@@ -48,7 +48,7 @@ def scene(**changed):
 
 RIG = {"focal_px": 700.0, "baseline_m": 0.1, "size": (64, 48), "range_px": (2, 9)}
 
-# By the argument that the error is about, which the command line replaces by its option.
+# Keys: the argument that the error must name; the command line shows its option instead.
 WRONG = {
     "index": [lambda value: render_pair(CONFIG, value), ("0", 0.5, True, -1, 10**30)],
     "seed": [lambda value: PairRenderer(CONFIG, value), ("1", None, -1, 0.0)],
@@ -87,7 +87,7 @@ def test_numbers_of_numpy_are_numbers(backend):
     camera = StereoCamera.centred(np.int64(40), np.int32(30), np.float32(40), np.float64(0.1))
     assert json.loads(json.dumps(camera.values())) == camera.values()
     assert StereoCamera.from_values(camera.values()) == camera
-    # Rounded to float32 once, when it is made, and never in what it works out.
+    # The camera converts numbers to float when it is made, and then computes in float64.
     assert camera.disparity_px(np.array([3.0]))[0] == float(np.float32(40)) * 0.1 / 3
     with Renderer([SQUARE], LAYERS, backend=backend, device_index=np.int64(0)) as renderer:
         image = renderer.render(scene(camera=camera, model=np.uint8([0]), layer=np.float64([0])), crop).left.image

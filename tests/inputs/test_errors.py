@@ -1,4 +1,4 @@
-"""What messages have in common: numbers with nouns, cut values, near names, and how to install an extra."""
+"""Parts of error messages: numbers with nouns, shortened values, similar names, and how to install an extra."""
 
 import re
 import tomllib

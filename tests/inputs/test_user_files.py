@@ -1,4 +1,4 @@
-"""Paths that users name: missing, too large, below somebody's home, with names that are no text; and patterns."""
+"""Paths from users: missing, too large, with ~, not valid text; and glob patterns."""
 
 import glob
 import os
@@ -22,7 +22,7 @@ from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import read_image
 from semisynth_gl.textures.prepare import prepare_atlas
 
-# Each reads one path that a user, a config or a dataset names.
+# Each reader opens one path from a user, a config or a dataset.
 READERS = {
     "config": load_config,
     "extends": lambda path: parse_config(f"extends: '{path}'\n"),
@@ -53,7 +53,7 @@ def test_globs_match_what_python_matches(tmp_path, monkeypatch):
         photograph(tmp_path / name)
     monkeypatch.chdir(tmp_path)
     for pattern in ("*", "**/*.png", "c/../*.png", "[a-b].*", ".*/*.png", "[[]j]/*.png", "none/*"):
-        matches = [Path(match) for match in glob.glob(pattern, recursive=True)]  # noqa: PTH207 - pathlib has another **
+        matches = [Path(match) for match in glob.glob(pattern, recursive=True)]  # noqa: PTH207 - pathlib's ** differs
         files = [path for path in matches if path.is_file()]
         files += [path for folder in matches if folder.is_dir() for path in folder.rglob("*")]
         expected = {path.resolve() for path in files if path.suffix.lower() == ".png"}

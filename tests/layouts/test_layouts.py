@@ -1,6 +1,6 @@
-"""Every layout, there and back, and read as the loaders of the field and other people's packages read it."""
+"""Every layout, encoded and decoded, and read by public loaders and packages."""
 
-# ruff: noqa: PTH207, PTH208 - loaders are written down with the calls that they make
+# ruff: noqa: PTH207, PTH208 - the tests copy the loaders' own calls
 
 import json
 import os
@@ -35,7 +35,7 @@ from semisynth_gl.seeds.splits import SPLITS
 
 
 def matched(left, right, disparity, disparity_right=None):
-    """Number of the pair that all files of a loader's sample belong to."""
+    """Check that all files of a loader's sample belong to one pair; return its number."""
     images = [np.asarray(Image.open(path).convert("RGB"))[4, 4] for path in (left, right)]
     assert [image[1] > 128 for image in images] == [False, True], (left, right)
     found = {round(int(image[0]) / 8) for image in images} | {int(disparity_by_opencv(disparity)[4, 4] - 1)}
@@ -46,14 +46,13 @@ def matched(left, right, disparity, disparity_right=None):
 
 
 def disparity_by_opencv(path):
-    """By OpenCV."""
     stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if stored.dtype == np.uint16:
         return stored / (32 if path.endswith(".disp.png") else 256)
     return stored
 
 
-# There and back
+# Encoding and decoding
 
 
 @pytest.mark.parametrize(("outputs", "truth"), [(OUTPUTS, "both"), (OUTPUTS, "left"), ((), "both")])
@@ -156,7 +155,7 @@ def test_broken_files_are_named(name):
     names = {path: role for role, path in layout.files(PairKey("lab", "train", 0), encodings).items()}
     for path, data in encode(layout, 0).items():
         if names[path] == "calib_cam_to_cam":
-            continue  # it is not read back
+            continue  # no reader uses it
         for broken in (b"", data[: len(data) // 2], data[:-2], b"\x80abc" * 50):
             with pytest.raises(ReadError):
                 decode_file(layout, names[path], broken, Path(path), encodings)
@@ -172,7 +171,7 @@ def test_names_never_collide_and_stay_inside(name):
     for splits, length in ((SPLITS, None), (("train",), 3), (("train", "test"), 1)):
         seen = set()
         for split in splits:
-            # A shard is of one split.
+            # A shard contains one split.
             folder = f"{split}:" if layout.packed else layout.folder(split, splits)
             keys = [PairKey("lab", split, index, length) for index in (*range(8), 2999, 3000, 3001, 999_999)]
             paths = [path for key in keys for path in layout.files(key, encodings).values()]
@@ -190,7 +189,7 @@ def test_names_never_collide_and_stay_inside(name):
                 assert not any(path.startswith(f"{link}/") for path in paths), link
 
 
-# What the layouts make of a frame
+# Conversions of a frame
 
 
 def test_kittis_objects_leave_out_what_stands_still():
@@ -212,7 +211,7 @@ def test_a_hidden_point_is_outside_where_its_position_is(eye, disparity, mask):
     disparity, mask = np.array([disparity], np.float32), np.array([mask], np.uint8)
     restored = restore_outside(mask, disparity, eye)
     for x in range(7):
-        # As visibility.comp does it, in float32.
+        # visibility.comp computes the same in float32.
         position = np.float32(x) + (-disparity[0, x] if eye == "left" else disparity[0, x])
         inside = np.isinf(disparity[0, x]) or -0.5 <= position < 6.5
         assert restored[0, x] == (OUTSIDE if mask[0, x] == OCCLUDED and not inside else mask[0, x])
@@ -259,11 +258,11 @@ def test_the_json_of_a_webdataset_never_changes_its_types():
             decode_file(layout, "provenance", data, Path("0.json"), Encodings())
 
 
-# Loaders, as docs/output.md lists them: what each finds must be all pairs, each with its own files
+# The loaders that docs/output.md lists must find all pairs, each with its own files
 
 
 def globs(*patterns):
-    """Zip the sorted files of globs, as torchvision, RAFT-Stereo and others do: all must be of one length."""
+    """Zip the sorted files of several globs, as torchvision, RAFT-Stereo and others do."""
 
     def found(root):
         files = [sorted(glob(str(root / pattern))) for pattern in patterns]
@@ -274,7 +273,7 @@ def globs(*patterns):
 
 
 def psmnet_sceneflow(root, parts=("TRAIN",), flying="frames_disparity"):
-    """Walk one root as PSMNet does, and HSM with another name for the disparities."""
+    """Walk one root as PSMNet does. HSM does the same with another folder of disparities."""
     folder = root / "SceneFlow" / "FlyingThings3D"
     trees = [each for each in os.listdir(folder) if (folder / each).is_dir()]
     assert not os.listdir(folder / next(each for each in trees if "monkaa_frames_cleanpass" in each))
@@ -306,7 +305,7 @@ def from_list(name):
 
 
 def raft_middlebury(root):
-    """Find scenes by RAFT-Stereo's list, with the line of calib.txt that HSM reads."""
+    """Find scenes as RAFT-Stereo does, and check the line of calib.txt that HSM reads."""
     for name in (root / "MiddEval3" / "official_train.txt").read_text().splitlines():
         scene = root / "MiddEval3" / "trainingF" / name
         assert GREY8.read(scene / "mask0nocc.png").shape == (CAMERA.height_px, CAMERA.width_px)
@@ -321,7 +320,7 @@ def raft_middlebury_2014(root):
 
 
 def of_kinds(folder, *names):
-    """The files of CREStereo's four kinds of scenes."""
+    """Find the files of CREStereo's four kinds of scenes."""
     kinds = [
         globs(*(f"{folder.format(kind)}/{name}" for name in names))
         for kind in ("shapenet", "reflective", "tree", "hole")
@@ -376,7 +375,7 @@ LOADERS = {
 @pytest.mark.parametrize("name", [name for name in layout_names() if not find_layout(name).packed])
 def test_loaders_find_every_pair_and_match_its_files(name, tmp_path):
     write_dataset(tmp_path, name, {"train": PAIRS}, PAIRS)
-    if name == "middlebury-2014":  # torchvision asks for the name of one of Middlebury's scenes
+    if name == "middlebury-2014":  # torchvision requires the name of one of Middlebury's scenes
         assert any(entry.startswith("Adirondack") for entry in os.listdir(tmp_path / "Middlebury2014/train"))
     for loader in LOADERS[name]:
         assert sorted(matched(*found) for found in loader(tmp_path)) == list(range(PAIRS)), loader
@@ -391,7 +390,7 @@ def test_sceneflow_keeps_train_and_test_in_one_tree(tmp_path):
 
 
 def raft_things(root, direction):
-    """Lists of image 1, image 2 and flow, as RAFT's FlyingThings3D finds them for the left camera."""
+    """Yield image 1, image 2 and flow of the left camera as RAFT's FlyingThings3D does."""
     folder = root / "SceneFlow" / "FlyingThings3D"
     image_dirs = [f"{each}/left" for each in sorted(glob(str(folder / "frames_cleanpass" / "TRAIN/*/*")))]
     flow_dirs = [f"{each}/{direction}/left" for each in sorted(glob(str(folder / "optical_flow" / "TRAIN/*/*")))]
@@ -404,13 +403,13 @@ def raft_things(root, direction):
 
 
 def kitti_flow(root, folder):
-    """As RAFT's KITTI and torchvision's KittiFlow."""
+    """Find images and flow as RAFT's KITTI and torchvision's KittiFlow do."""
     first, second = (sorted(glob(str(root / folder / "image_2" / f"*_{number}.png"))) for number in (10, 11))
     return list(zip(first, second, sorted(glob(str(root / folder / "flow_occ" / "*_10.png"))), strict=True))
 
 
 def pair_of(path):
-    """Number of the pair that an image is of."""
+    """Read the pair's number from an image."""
     return round(int(cv2.imread(str(path))[4, 4, 2]) / 8)
 
 
@@ -424,14 +423,14 @@ def pair_of(path):
     ],
 )
 def test_loaders_of_flow_pair_it_with_its_frames(tmp_path, name, loader, array, step):
-    # The last sequence of SceneFlow is cut short.
+    # SceneFlow's last sequence is incomplete.
     pairs = 14 if name == "sceneflow" else 9
     outputs = ["visibility", "instances", "flow", "flow_backward"]
     write_dataset(tmp_path, name, {"train": pairs}, 3, config_of(outputs=outputs, sequence={"length": 3}))
     found = list(loader(tmp_path))
     firsts = [pair_of(one) for one, _, _ in found]
     wanted = [pair for pair in range(pairs) if 0 <= pair + step < pairs and (pair + step) // 3 == pair // 3]
-    assert sorted(firsts) == (wanted if name == "sceneflow" else [0, 3, 6])  # loaders of KITTI know two frames
+    assert sorted(firsts) == (wanted if name == "sceneflow" else [0, 3, 6])  # KITTI's loaders use the first two frames
     for (_, two, path), pair in zip(found, firsts, strict=True):
         assert pair_of(two) == pair + step
         stored, made = cv2.imread(path, cv2.IMREAD_UNCHANGED)[..., ::-1], make_frame(pair).arrays()[array]
@@ -442,7 +441,7 @@ def test_loaders_of_flow_pair_it_with_its_frames(tmp_path, name, loader, array, 
             assert np.abs((stored[..., :2] / 64.0 - 512 - made)[np.isfinite(made)]).max() <= 1 / 128
 
 
-# Other people's packages
+# Packages
 
 
 def test_webdataset_and_hugging_face_iterate_the_tars(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Raw cameras and the lens chain, beside OpenCV and beside rays; borders; pairs of configs with a lens."""
+"""Raw cameras and the lens chain compared with OpenCV and with rays; borders; pairs with a lens."""
 
 import json
 from dataclasses import replace
@@ -80,13 +80,13 @@ def test_the_raw_image_is_what_its_rays_meet(name, fy_over_fx, density):
     y, x = (np.mgrid[: 120 * density, : 160 * density] + 0.5) / density - 0.5
     found = chain.raw_image(np.rint(colours(x, y)).astype(np.uint8), density)
     at = raw.to_rectified(chain.pinhole, *np.mgrid[:150, :200].astype(float)[::-1])
-    # Beyond the outermost centres, the border is repeated.
+    # Beyond the outermost pixel centres, the image repeats its border.
     expected = colours(at[0].clip(x.min(), x.max()), at[1].clip(y.min(), y.max()))
     inside = (np.abs(at[0] - 79.5) < 80) & (np.abs(at[1] - 59.5) < 60)
     error = (found - expected)[inside]
     assert error.size > 10_000
     assert np.abs(error).max() < 1.2
-    # Both images are rounded to whole levels; a shift by 0.04 px exceeds this.
+    # The limit allows for rounding both images to whole levels; a shift by 0.04 px exceeds it.
     assert np.sqrt((error**2).mean()) < 0.38
 
 
@@ -116,7 +116,7 @@ def test_a_lens_that_folds_the_view_is_refused():
 
 
 def looked_up(valid, flow):
-    """Where flow leads to a pixel that is not valid, by its nearest pixel."""
+    """Mark the pixels whose flow ends at an invalid pixel (the nearest one)."""
     height, width = valid.shape
     lost = np.zeros_like(valid)
     for row, column in np.argwhere(np.isfinite(flow).all(axis=2)):
@@ -125,7 +125,7 @@ def looked_up(valid, flow):
     return lost
 
 
-# Motion that carries points into and out of borders.
+# The camera moves so that points enter and leave the borders.
 MOVING = {"sequence": {"length": 2}, "camera": {"sway_m": 0.1, "sway_deg": 6}}
 FLOWS = ["visibility", "valid", "flow", "flow_backward", "disparity_change"]
 
@@ -134,7 +134,7 @@ FLOWS = ["visibility", "valid", "flow", "flow_backward", "disparity_change"]
 def test_truth_is_that_without_a_lens_and_masks_leave_out_what_the_sensor_did_not_see(rig):
     outputs = [name for name in FLOWS if name != "disparity_change" or not rig]
     plain = render_pair(cheap(outputs=[name for name in outputs if name != "valid"], **MOVING, **rig), 0)
-    # Turned so far that each eye sees points in the border of the other.
+    # The left eye is turned so far that each eye sees points in the other's border.
     lens = {"left": EYE | {"rotation_deg": [0.2, -4, 0.3]}}
     seen = render_pair(with_lens(outputs=outputs, lens=lens, **MOVING, **rig), 0)
     valid = {eye: seen.view(eye).valid == VISIBLE for eye in EYES}
@@ -203,7 +203,7 @@ def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path):
 
 
 def first(where):
-    """The first of some pixels alone."""
+    """Keep only the first of the marked pixels."""
     return where & (np.cumsum(where).reshape(where.shape) == 1)
 
 
@@ -252,7 +252,7 @@ def test_verify_finds_a_wrong_border(tmp_path):
     generate(with_lens(), tmp_path / "d", 2, layout="middlebury")
     path = next(tmp_path.rglob("valid0.png"))
     right, disparity = np.asarray(Image.open(path)), path.with_name("disp0GT.pfm")
-    # Disparity must reach into the borders unless the config says otherwise.
+    # By default, disparity must be finite in the borders too.
     change_file(disparity, lambda known: np.where(right == 0, np.inf, known))
     assert {"disparity", "depth"} <= checks(tmp_path / "d")
     for wrong in (255 - right, *(np.full_like(right, level) for level in (0, 128, 255))):

@@ -1,4 +1,4 @@
-"""The outputs ``raw`` and ``raw_map``: OpenCV rectifies a raw file to the image's file, and the map says how."""
+"""The outputs ``raw`` and ``raw_map``: OpenCV and the map rectify a raw file to the image's file."""
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 
 OUTPUTS = ["visibility", "valid", "raw", "raw_map"]
 NOISE = {"noise": 5, "blur_px": 0.4}
-# Sensors of another shape than the rectified image: one that sees less than it and is finer, and one that sees more.
+# Sensors of other sizes than the rectified image. WIDE sees less of the scene with more pixels; FISHEYE sees more.
 WIDE = {"raw_width_px": 70, "raw_height_px": 60}
 FISHEYE = {
     "model": "fisheye",
@@ -35,7 +35,7 @@ def with_raw(**changes):
 
 
 def rectified(frame, eye, border):
-    """Rectify a stored raw image by the pair's JSON and calibration alone, as a user's program does."""
+    """Rectify a stored raw image with OpenCV from the pair's JSON and calibration, as a user does."""
     record, view = frame.provenance["lens"][eye], frame.view(eye)
     matrix, distortion, rotation = (np.array(record[name]) for name in "KDR")
     size, model = view.image.shape[1::-1], cv2.fisheye if record["model"] == "fisheye" else cv2
@@ -86,7 +86,7 @@ def test_a_raw_image_is_black_beyond_the_rectified_view_alone():
 
 @st.composite
 def _chains(draw):
-    """Lenses, turned and narrow and wide, beside a rectified view that each of them may leave on any side."""
+    """Sample a rectified camera, a raw camera whose view may be larger or smaller on any side, and a border."""
     camera = StereoCamera(40, 30, draw(st.floats(15, 60)), 0.1, 19.0, 21.0, 14.5)
     width, height = draw(st.integers(2, 60)), draw(st.integers(2, 50))
     model = draw(st.sampled_from(["radial-tangential", "fisheye"]))
@@ -98,11 +98,11 @@ def _chains(draw):
     return raw, camera, draw(st.sampled_from(["black", "replicate"]))
 
 
-# Beside this sensor's border, rectified pixels are mixed from raw ones beyond the rectified view.
+# At this sensor's border, rectified pixels interpolate raw pixels outside the rectified view.
 NARROW = RawCamera(5, 39, 22, 22, 2.5, 19.5, "radial-tangential", (0.1, 0, 0, 0), rotation_of((0.4, -0.3, 0.3)))
 
 
-# Half of the rectified view lies behind this fisheye.
+# Half of the rectified view is behind this fisheye.
 BEHIND = RawCamera(60, 50, 15, 15, 30, 25, "fisheye", (0.0, 0, 0, 0), rotation_of((0, 1.5, 0)))
 
 
@@ -114,11 +114,11 @@ def test_any_raw_image_has_all_that_its_rectification_reads(made, seed):
     raw, camera, border = made
     try:
         chain = LensChain(raw, camera, "left", border)
-    except InputError:  # the lens bends two directions to one pixel
+    except InputError:  # the lens maps two directions to one pixel
         return
     image = np.random.default_rng(seed).integers(1, 256, (raw.height_px, raw.width_px), np.uint8)
     x, y = chain.raw_map[..., 0], chain.raw_map[..., 1]
-    # remap has 16 bits for a position; a lens that is turned sideways bends some far beyond that.
+    # remap stores positions in 16 bits; a lens that is turned sideways exceeds them.
     near = (np.abs(chain.maps) < 2**15).all(axis=0)
     np.testing.assert_array_equal(chain.rectify(chain.within_view(image))[near], chain.rectify(image)[near])
     assert not np.isnan(chain.raw_map).any()
@@ -139,7 +139,7 @@ def test_what_lies_behind_a_raw_camera_has_no_place_in_its_image():
 
 @pytest.mark.parametrize("rig", [{"rig": {"twin": True, "right_roll_deg": 3, "focal_ratio": 1.04}}, {}], ids=str)
 def test_a_pair_does_not_depend_on_the_pairs_before_it(rig):
-    """Views of one scene share the left eye, however dense the right eyes' lenses want their images to be."""
+    """Pairs of one scene have the same left eye, even if their right lenses need denser images."""
     camera = {} if rig else {"baselines": 3, "baseline_m": [0.1, 0.2], "doffs_px": 3}
     lens = {"raw_width_px": 130, "raw_height_px": 100, "left": EYE | {"fx_px": 270}, "right": EYE | {"fx_px": 290}}
     config = with_raw(camera=camera, lens=lens, **rig)
@@ -149,7 +149,7 @@ def test_a_pair_does_not_depend_on_the_pairs_before_it(rig):
         with PairRenderer(config, 0) as renderer:
             assert_equal(renderer.render(number).frame, expected)
     assert all(np.array_equal(frame.left.raw, frames[0].left.raw) for frame in frames)
-    frames[0].right.raw_map += 1  # is the caller's own
+    frames[0].right.raw_map += 1  # the caller may write to it
 
 
 def test_a_crop_keeps_raw_images_whole():
@@ -170,7 +170,7 @@ def test_what_cannot_be_is_refused(tmp_path):
 
 
 def of_lens(**values):
-    """What changes the JSON of a pair: values of its left lens."""
+    """Return a function that changes values of the left lens in a pair's JSON."""
     return lambda pair: pair["lens"]["left"].update(values)
 
 
@@ -187,7 +187,7 @@ FAULTS = [
     ("raw0.png", lambda image: np.roll(image, 1, axis=1), {"raw"}),
     ("raw1.png", lambda image: np.minimum(image, 253) + 2, {"raw"}),
     ("raw_map1.flo", added((20, 30, 1), 0.01), {"raw_map"}),
-    # Beyond the sensor, too, and where nothing is known.
+    # Outside the sensor too, and a pixel without a position.
     ("raw_map1.flo", added((0, 0, 0), -0.5), {"raw_map"}),
     ("raw_map1.flo", added((0, 0, 0), np.inf), {"raw_map"}),
     ("pair.json", of_lens(R=[[1, 0], [0, 1]]), {"valid"}),

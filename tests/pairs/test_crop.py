@@ -1,4 +1,4 @@
-"""A part of a pair is drawn as it is in the whole, bit for bit."""
+"""A cropped rendering equals the crop of the whole pair, bit for bit."""
 
 import pytest
 from scenes import assert_equal
@@ -10,7 +10,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 
 CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 0, 187, 125))
-# Vignetting lies about the whole image's principal point, and JPEG's blocks begin at its corner.
+# Vignetting depends on the whole image's principal point, and JPEG's blocks on its corner.
 IMPERFECTIONS = {"noise": [2, 4], "blur_px": [1, 2], "vignetting": 0.4, "sharpening": 1, "jpeg_quality": [50, 70]}
 
 
@@ -30,7 +30,7 @@ def test_a_crop_has_the_pixels_of_the_whole_image(backend, changes):
         whole = [renderer.render(index).frame for index in range(2)]
         for crop in CROPS:
             for checked in (True, False):
-                # The other pair leaves other pixels in the framebuffers.
+                # Alternate two pairs, so that the framebuffers contain other pixels before each rendering.
                 for index in range(2):
                     frame = renderer.render(index, crop=crop, checked=checked).frame
                     assert_equal(frame, whole[index], crop)

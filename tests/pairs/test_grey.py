@@ -1,4 +1,4 @@
-"""Monochrome cameras: ``camera.colour: grey`` from the atlas to the images, the files and back."""
+"""Monochrome cameras (``camera.colour: grey``): atlas, images, and files in both directions."""
 
 import io
 from pathlib import Path
@@ -25,7 +25,7 @@ from semisynth_gl.layouts import PairKey, find_layout, layout_names
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.atlas import to_grey
 
-# Layouts whose loaders fail at one channel.
+# Loaders of these layouts fail on images of one channel.
 THREE = {"middlebury", "eth3d"}
 
 
@@ -63,7 +63,7 @@ def test_every_layout_gives_one_channel_back_and_loaders_what_they_can_read(name
         data = files[paths[eye]]
         opened = Image.open(io.BytesIO(data))
         assert opened.mode == ("RGB" if name in THREE else "L")
-        # As loaders read them.
+        # Read the file as loaders do.
         sliced = np.array(opened.convert("RGB") if name not in THREE else opened)[..., :3]
         by_opencv = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
         for pixels in (sliced, by_opencv):

@@ -1,4 +1,4 @@
-"""Images lie on their truth: neither antialiasing nor motion blur shifts them."""
+"""Neither antialiasing nor motion blur shifts images against the truth."""
 
 from dataclasses import replace
 
@@ -11,11 +11,11 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.pairs.cameras import expose, moments
 from semisynth_gl.render.renderer import Renderer
 
-# Patch of the scene that shifts are measured on: waves, (cycles along u, along v) of red, green and blue.
+# The patch shows a wave in each of red, green and blue; WAVES has their cycles along u and v.
 PATCH_PX = 256
 WAVES = ((8, 0), (0, 7), (5, -6))
 AMPLITUDE = 100.0
-# The square lies on the plane normal . p = distance.
+# The square is on the plane normal . p = distance.
 NORMAL = np.array([0.2, -0.15, 1.0])
 DISTANCE_M = 2.0
 SIDE_M = 8.0
@@ -23,8 +23,8 @@ REPEATS = 8.0
 CAMERA = StereoCamera(480, 320, 500.0, 0.1, 236.0, 247.0, 158.3)
 
 
-def drawn(mode, backend, poses=()):
-    """Draw a slanted plane with a picture of waves; the image is exposed while the camera takes poses, where given."""
+def rendered(mode, backend, poses=()):
+    """Render a slanted plane with the waves; with ``poses``, the images are exposed over these camera poses."""
     scene = one_model(CAMERA, [on_plane(NORMAL, DISTANCE_M, SIDE_M / 2)], uv_scale=REPEATS)
     texel = (np.arange(PATCH_PX) + 0.5) / PATCH_PX
     layer = np.full((1, PATCH_PX, PATCH_PX, 4), 255, np.uint8)
@@ -36,11 +36,10 @@ def drawn(mode, backend, poses=()):
 
 
 def truth_shift_px(frame):
-    """Measure the shift between an image and the truth at the same pixel, px, the larger of both eyes'.
+    """Measure the shift between image and truth, px; return the larger of both eyes'.
 
-    The ray through a pixel's centre meets the plane at the point whose disparity the pixel has, and the colour of that
-    point follows from the equation of the waves. Contrast and brightness are free, so a blur that is the same on both
-    sides counts as no shift.
+    The expected colour of a pixel is that of the waves where the ray through its centre hits the plane. The fit also
+    adapts contrast and brightness, so a symmetric blur is no shift.
     """
     y, x = np.mgrid[: CAMERA.height_px, : CAMERA.width_px].astype(np.float64)
 
@@ -64,25 +63,25 @@ def truth_shift_px(frame):
 
 
 def waves(u, v):
-    """Colours (..., 3) of the shift's picture at patch coordinates."""
+    """Return the patch's colours (..., 3) at (u, v)."""
     return np.stack([127.5 + AMPLITUDE * np.sin(2 * np.pi * (a * u + b * v)) for a, b in WAVES], axis=-1)
 
 
 @pytest.mark.parametrize("mode", ["none", "edges", "ssaa2", "ssaa3"])
 def test_images_lie_on_their_truth(backend, mode):
-    assert truth_shift_px(drawn(mode, backend)) < (0.001 if mode == "none" else 0.01)
+    assert truth_shift_px(rendered(mode, backend)) < (0.001 if mode == "none" else 0.01)
 
 
 @pytest.mark.one_backend
 def test_motion_blur_leaves_images_on_their_truth(backend):
-    # About 7 px sideways, 3 downwards, and a turn: the shift is that of the middle of the exposure.
+    # The camera moves by about 7 px sideways and 3 px down, and rolls; the truth is that of the middle of the exposure.
     poses = []
     for time in moments(1.0, 7):
         poses.append(np.eye(4))
         poses[-1][:2, :3] = [[1, -0.006 * time, 0], [0.006 * time, 1, 0]]
         poses[-1][:3, 3] = 0.028 * time, 0.012 * time, 0.01 * time
-    sharp, blurred, late = (drawn("none", backend, each) for each in ((), poses, poses[1:]))
+    sharp, blurred, late = (rendered("none", backend, each) for each in ((), poses, poses[1:]))
     assert np.abs(blurred.left.image.astype(float) - sharp.left.image).mean() > 1
     assert truth_shift_px(blurred) < 0.01
-    # Half a part of the exposure is found where one is missing.
+    # Without one of the seven poses, the exposure's middle shifts by half a step.
     assert truth_shift_px(late) == pytest.approx(np.hypot(7, 3) / 14, rel=0.3)

@@ -1,4 +1,4 @@
-"""Imperfections of the rig, motion blur, and checks that make a pair be drawn again."""
+"""Camera imperfections, motion blur, and checks that make the renderer try again."""
 
 import io
 import json
@@ -28,16 +28,16 @@ def applied(picture, point=None, **values):
     return apply_imperfections(picture, Imperfections(**values), np.random.default_rng(1), point)
 
 
-def plain(picture, drawn, rng):
-    """Exposure, white balance, noise and gamma by their formulas, on the whole image at once."""
-    red, blue = drawn.white_balance if picture.ndim == 3 else (0, 0)
-    gains = 2.0 ** (drawn.exposure_stops + np.array([red, 0, blue] if picture.ndim == 3 else [0]))
+def plain(picture, sampled, rng):
+    """Apply exposure, white balance, noise and gamma to the whole image at once by their formulas."""
+    red, blue = sampled.white_balance if picture.ndim == 3 else (0, 0)
+    gains = 2.0 ** (sampled.exposure_stops + np.array([red, 0, blue] if picture.ndim == 3 else [0]))
     values = (picture.reshape(*picture.shape[:2], -1) * gains.astype(np.float32)).astype(np.float32)
-    if drawn.noise > 0:
-        values += rng.standard_normal(values.shape, np.float32) * np.float32(drawn.noise)
+    if sampled.noise > 0:
+        values += rng.standard_normal(values.shape, np.float32) * np.float32(sampled.noise)
     values = np.clip(values, 0, 255)
-    if drawn.gamma != 1:
-        values = 255 * (values / 255) ** np.float32(drawn.gamma)
+    if sampled.gamma != 1:
+        values = 255 * (values / 255) ** np.float32(sampled.gamma)
     return np.rint(values).astype(np.uint8).reshape(picture.shape)
 
 
@@ -61,12 +61,12 @@ def test_blur_spreads_a_point_evenly():
 
 
 def test_vignetting_is_the_fourth_power_of_a_cosine():
-    # Several blocks, and a principal point beside the middle.
+    # The image spans several processing blocks; its principal point is not in the middle.
     grey, point = np.full((400, 500, 3), 200, np.uint8), (180.0, 260.5)
     y, x = np.mgrid[:400, :500]
     squared = ((x - point[0]) ** 2 + (y - point[1]) ** 2) / (250**2 + 200**2)
     for share in (0.1, 0.5, 0.95):
-        # The angle whose cosine's fourth power is what is left at half the diagonal.
+        # tan of the angle at half the diagonal, where cos^4 is 1 - share.
         tangent = np.tan(np.arccos((1 - share) ** 0.25))
         expected = 200 * np.cos(np.arctan(tangent * np.sqrt(squared))) ** 4
         assert np.abs(applied(grey, point, vignetting=share) - expected[..., None]).max() <= 0.501
@@ -101,9 +101,9 @@ def test_an_exposure_is_the_mean_of_its_moments_rounded_once(count, colour):
     with PairRenderer(cheap(**moving), 0) as before, PairRenderer(blurred, 0) as after:
         for index in (1, 3):
             sharp, pair = before.render(index).frame, after.render(index)
-            drawn = pair.provenance["imperfections"]
-            assert drawn["left"] == drawn["right"]
-            share = drawn["left"]["motion_blur"]
+            recorded = pair.provenance["imperfections"]
+            assert recorded["left"] == recorded["right"]
+            share = recorded["left"]["motion_blur"]
             assert 0.4 <= share <= 1
             sampled = before.sampler.sample(index)
             frames = [before.renderer.render(sampled.moment(time)) for time in moments(share, count)]
@@ -123,28 +123,28 @@ FURTHER = {
 }
 
 
-# All that this sensor sees is in the rectified view, so the raw image is stored whole.
+# The rectified view contains everything that this sensor sees, so that the whole raw image is stored.
 RAW = {"lens": {"raw_width_px": 40, "raw_height_px": 30}, "outputs": ["valid", "raw"]}
 
 
 @pytest.mark.parametrize("changes", [{}, {"rig": {"right_y_px": 5.0}}, RAW])
 def test_recorded_values_make_the_image_again_from_the_clean_one(changes):
-    """Light falls about each eye's own principal point, which a deviating right eye has elsewhere."""
+    """A deviating right eye has another principal point, about which its vignetting is symmetric."""
     keys = {"noise": [2, 6], "exposure_stops": [-0.5, 0.5], "blur_px": [0, 1], "gamma": [0.8, 1.2]}
     imperfections = keys | {key: FURTHER[key] for key in FURTHER if key != "motion_blur"}
     make, name = (with_lens, "raw") if "lens" in changes else (cheap, "image")
     marred = make(**changes, imperfections=imperfections)
     with PairRenderer(make(**changes), 2) as before, PairRenderer(marred, 2) as after:
         sharp, pair = before.render(3).frame, after.render(3)
-    drawn = pair.provenance["imperfections"]
-    assert json.loads(json.dumps(drawn)) == drawn
+    recorded = pair.provenance["imperfections"]
+    assert json.loads(json.dumps(recorded)) == recorded
     seen = set()
     for eye in EYES:
         rng = generator(2, Purpose.IMPERFECTIONS, 3, eye, 0)
         rng.random(4)
-        seen |= {*drawn[eye]["white_balance"], drawn[eye]["vignetting"], drawn[eye]["sharpening"]}
-        assert drawn[eye]["jpeg_quality"] in range(60, 96)
-        values = Imperfections(**drawn[eye])
+        seen |= {*recorded[eye]["white_balance"], recorded[eye]["vignetting"], recorded[eye]["sharpening"]}
+        assert recorded[eye]["jpeg_quality"] in range(60, 96)
+        values = Imperfections(**recorded[eye])
         point = sharp.camera.intrinsics_px(eye)[:2]
         if name == "raw":
             point = np.array(pair.provenance["lens"][eye]["K"])[:2, 2]
@@ -157,14 +157,14 @@ def test_recorded_values_make_the_image_again_from_the_clean_one(changes):
 def test_a_further_key_shifts_no_other_draw():
     keys = {"noise": [2, 6], "exposure_stops": [-0.5, 0.5]}
 
-    def drawn(values):
+    def sampled(values):
         section = cheap(imperfections=keys | values).imperfections
         return sample_imperfections(section, generator(0, 7, 1), partial(generator, 0, 7, 1))
 
-    first = drawn({})
+    first = sampled({})
     assert list(first) == ["blur_px", "exposure_stops", "noise", "gamma"]
     for key in FURTHER.keys() - {"motion_blur"}:
-        one, all_ = drawn({key: FURTHER[key]}), drawn(FURTHER)
+        one, all_ = sampled({key: FURTHER[key]}), sampled(FURTHER)
         assert one.keys() - first.keys() == {key}
         assert first.items() <= one.items() <= all_.items()
 
@@ -179,7 +179,7 @@ def test_a_pair_that_fails_all_attempts_is_an_error_that_says_why():
 
 @pytest.mark.parametrize(("views", "spoilt"), [(1, "scene"), (1, "image"), (2, "image")])
 def test_a_pair_that_fails_is_drawn_again_from_a_sub_seed(monkeypatch, views, spoilt):
-    """The next attempt has the same lens and imperfections, and each pair that passes is what it is without checks."""
+    """The next attempt keeps lens and imperfections; pairs that pass are the same as without checks."""
     camera = {} if views == 1 else {"baselines": 2, "baseline_m": [0.1, 0.2]}
     config, judged = with_lens(imperfections={"noise": 3}, camera=camera), []
 
@@ -208,7 +208,7 @@ def test_a_pair_that_fails_is_drawn_again_from_a_sub_seed(monkeypatch, views, sp
 
 
 def stated_faults(frame, config, everywhere, least_px):
-    """The faults by the words of the section, from all pixels."""
+    """Find the faults from all pixels, as the docstring of the config's section defines them."""
     images, checks = (frame.left.image, frame.right.image), config.checks
     brightness = min(image.mean() for image in images)
     if brightness < checks.min_brightness:
@@ -238,7 +238,7 @@ def test_faults_are_those_of_all_pixels():
         arrays = {}
         for eye in ("left", "right"):
             values = rng.choice([2, 8, 9, 60, 130]) + rng.choice([0, 1, 12, 40]) * rng.normal(size=(130, 160, 3))
-            # Some rows are no sample of the others.
+            # Make every eighth row different, so that a subset of the rows does not represent the image.
             values[rng.integers(8) :: 8] *= rng.choice([0, 1, 8])
             arrays[eye] = np.clip(values, 0, 255).astype(np.uint8)
             disparity = rng.uniform(1, config.disparity.max_px * rng.choice([0.9, 1]), (130, 160)).astype(np.float32)

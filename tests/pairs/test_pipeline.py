@@ -1,4 +1,4 @@
-"""From a config to files: determinism, real material, flat memory."""
+"""The pipeline from a config to files: determinism, real photographs and models, constant memory."""
 
 import weakref
 from importlib.metadata import version
@@ -41,7 +41,7 @@ def test_packaged_configs_render_dense_valid_truth(tmp_path, name, backend):
 def test_real_photographs_and_models_go_through(backend):
     images = [str(SHARED / "textures"), str(SHARED / "hostile")]
     config = tiny(
-        textures={"source": "images", "images": images, "max_patches": 512},  # so many that each image is opened
+        textures={"source": "images", "images": images, "max_patches": 512},  # enough to open every image
         models={"simple": 0.0, "complex": 0.0, "folders": [str(SHARED / "models")]},
     )
     with PairRenderer(config, 0, backend) as pairs:
@@ -69,7 +69,7 @@ def test_pixels_that_the_driver_has_may_be_forgotten(backend):
 
 
 def resident_pages():
-    """Memory in use now; the peak that getrusage tells may be another test's."""
+    """Return the resident memory in pages; getrusage's peak may come from an earlier test."""
     return int(Path("/proc/self/statm").read_text().split()[1])
 
 
@@ -83,7 +83,7 @@ def test_memory_stays_flat_over_many_pairs(backend):
         for index in range(40, 160):
             pairs.render(index)
         after = resident_pages()
-    # Leaking one pair's images and truth each time would add 120 * 0.4 MB.
+    # A leak of each pair's images and truth would add 120 * 0.4 MB.
     assert (after - before) * PAGESIZE < 8_000_000
 
 

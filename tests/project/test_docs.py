@@ -1,4 +1,4 @@
-"""Documentation that can be checked against the program."""
+"""Facts in the documentation that the program confirms."""
 
 import re
 from pathlib import Path
@@ -32,12 +32,12 @@ def test_the_reference_shows_each_public_name_once():
 
 
 def prose(page):
-    """A page without its blocks of code, where # begins a comment and no heading."""
+    """Return a page without code blocks, in which # begins a comment, not a heading."""
     return re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
 
 
 def anchors(page):
-    """The anchors that GitHub gives the headings of a page, and the site the public names where they are documented."""
+    """Return GitHub's anchors of a page's headings, and the site's anchors of public names."""
     headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
     named = {f"semisynth_gl.{name}" for name in semisynth_gl.__all__ if "\n::: semisynth_gl\n" in prose(page)}
     return named | {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}

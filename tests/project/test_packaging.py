@@ -1,4 +1,4 @@
-"""What is built, installed and run elsewhere, rather than the checkout."""
+"""The built wheel: its files, and running it outside the checkout."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ from processes import run_python
 CHECKOUT = Path(__file__).resolve().parents[2]
 DATA_FOLDERS = ("shaders", "configs", "assets")
 
-# What a checkout collects and nobody wants to install.
+# Folders of a checkout that the wheel must not contain.
 JUNK = {"out", "build", "dist", "__pycache__", ".git", ".venv", ".pytest_cache", ".mypy_cache", ".ruff_cache"}
 
 
@@ -28,21 +28,20 @@ def build(what, out):
 
 
 def data_files():
-    """All packaged data of the checkout, as paths from its top."""
+    """Return all data files of the package, relative to the checkout."""
     paths = (path for folder in DATA_FOLDERS for path in (CHECKOUT / folder).rglob("*") if path.is_file())
     return {path.relative_to(CHECKOUT).as_posix() for path in paths}
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """The wheel, built from the checkout as it stands."""
     [built] = build(["--wheel"], tmp_path_factory.mktemp("from-checkout") / "dist")
     return built
 
 
 @pytest.fixture(scope="module")
 def target(wheel, tmp_path_factory):
-    """A folder that holds the installed wheel and nothing else."""
+    """Install the wheel into an empty folder."""
     folder = tmp_path_factory.mktemp("installed")
     options = ["--quiet", "--no-index", "--no-deps", "--disable-pip-version-check", "--no-compile"]
     run("-m", "pip", "install", *options, "--target", folder, wheel, cwd=folder)
@@ -50,7 +49,7 @@ def target(wheel, tmp_path_factory):
 
 
 def packages():
-    """The folders of installed packages."""
+    """Return the folders of installed packages."""
     return [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
 
 
@@ -74,10 +73,10 @@ def test_the_sdist_carries_what_a_wheel_and_the_tests_need(tmp_path):
     assert [name for name in names if JUNK & {*PurePosixPath(name).parts}] == []
 
 
-# One backend is enough: what is asked here is whether everything is found, down to the photographs that assets/ lists.
+# One backend is enough to test that the wheel finds all its files, including the photographs that assets/ lists.
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
 def test_the_installed_wheel_renders(target, backend, tmp_path):
-    # -S leaves .pth files unread, by which an editable install points at the checkout.
+    # -S ignores .pth files, which an editable install uses to import the checkout.
     elsewhere = {"cwd": tmp_path, "PYTHONPATH": os.pathsep.join([str(target), *packages()])}
     show = "import semisynth_gl; print(semisynth_gl.__file__)"
     assert Path(run("-S", "-c", show, **elsewhere)).is_relative_to(target)

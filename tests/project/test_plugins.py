@@ -1,4 +1,4 @@
-"""Plug-ins: the package of examples/ from end to end, and packages whose plug-ins cannot be used."""
+"""Plug-ins: the example package from end to end, and packages with unusable plug-ins."""
 
 import json
 import os
@@ -48,7 +48,7 @@ def _found_anew():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder in which the example is installed."""
+    """Install the example into a folder."""
     folder = tmp_path_factory.mktemp("site")
     with pytest.MonkeyPatch.context() as patch:
         unpack(build_example(tmp_path_factory.mktemp("package"), patch), folder)
@@ -57,7 +57,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def made(site, tmp_path_factory):
-    """The config of the page's plug-ins, and its dataset: by the command, and a worker that it starts."""
+    """Write a config that uses the example's plug-ins; generate its dataset with a worker process."""
     folder = tmp_path_factory.mktemp("made")
     config = folder / "acme.yaml"
     config.write_text(json.dumps(CONFIG.model_dump(mode="json", exclude_none=True)))
@@ -76,7 +76,7 @@ def acme(site, monkeypatch):
 
 @pytest.fixture
 def install(tmp_path):
-    """Install a package of this code, within a block."""
+    """Return a context manager that installs a package with the given code."""
 
     @contextmanager
     def installed(code, version="0.3"):
@@ -92,7 +92,7 @@ def install(tmp_path):
 
 
 def said(*arguments):
-    """Run a command here; return its output, or the error that it ends with."""
+    """Run a command in this process; return its output or its error."""
     done = CliRunner().invoke(semisynth_gl, [str(argument) for argument in arguments], standalone_mode=False)
     return done.output if done.exception is None else str(done.exception)
 
@@ -111,11 +111,11 @@ def test_the_examples_make_a_dataset_that_all_commands_know(made, tmp_path):
     shown = said("doctor")
     for noun in ("layout 'flat'", "texture source 'posters'", "family of models 'knots'", "scene recipe 'attic'"):
         assert f"Plug-in: {noun} of the package acme-stereo 1.2.0" in shown
-    # The same command again finds nothing to do.
+    # The same command does nothing the second time.
     before = digests(out)
     assert "3 pairs in" in said("generate", "--config", config, "--out", out, "--pairs", 3, "--layout", "flat")
     assert digests(out) == before
-    # Verify compares each pair with the index.
+    # Verify compares each pair's plug-ins with the index.
     shutil.copytree(out, tmp_path / "set")
     index = tmp_path / "set" / "index.json"
     values = json.loads(index.read_text())
@@ -128,7 +128,7 @@ def test_without_the_package_or_its_version_messages_name_it(made, site, tmp_pat
     config, out = made
     for arguments in (("verify", out), ("generate", "--config", "middlebury", "--out", out, "--overwrite")):
         assert f"layout 'flat' {MISSING}" in said(*arguments), arguments
-    # A config knows no package.
+    # A config does not name the package of a plug-in.
     new = "generate", "--config", config, "--out", tmp_path / "new"
     assert "textures.source: texture source: expected" in said(*new)
     newer = shutil.copytree(site, tmp_path / "newer")
@@ -205,7 +205,7 @@ def test_names_in_a_config_are_checked_with_their_place(tmp_path):
     with pytest.raises(InputError, match=r"lab\.yaml:3: models\.families\.hinges: .* expected one of knots, got"):
         load_config(path, ["textures.source=posters"])
     config = load_config(path, ["textures.source=posters", "models.families.hinges=0"])
-    # A weight of 0 leaves out what need not be there.
+    # With weight 0, the plug-in need not be installed.
     assert set(config.used_plugins().values()) == {("textures", "posters"), ("models", "knots")}
 
 
@@ -222,7 +222,7 @@ def test_splits_have_models_and_pictures_of_their_own():
         assert tuple(map(len, families)) == counts
         positions = [mesh.positions.tobytes() for family in families for mesh in family]
         assert len(set(positions)) == len(positions)
-    # Held out are models of the dataset's seed, which is the training split's.
+    # With ``models``, the splits share out the models that the training split would have without it.
     assert set(positions) == {
         mesh.positions.tobytes() for mesh in build_family("knots", 5, split("train", models=False))
     }

@@ -1,4 +1,4 @@
-"""What the rooms load: OpenGL, PyTorch and slow packages only where they are used; import-linter has the rest."""
+"""Rooms import OpenGL, PyTorch and slow packages only where they use them; import-linter checks other imports."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def test_the_rooms_that_load_without_opengl():
 
 
 def test_a_command_loads_no_package_that_it_does_not_use():
-    # trimesh brings scipy along; each takes about as long to load as all else together.
+    # trimesh imports scipy; each takes about as long to import as everything else together.
     large = {"trimesh", "scipy", "matplotlib", "numpy"}
     light = ("calibrate", "doctor", "evaluate", "generate", "preview", "report", "verify")
     for module, loaded in (("", "[]"), *((f".{name}", "['numpy']") for name in light)):

@@ -1,4 +1,4 @@
-"""Scripts beside the package fit it: what they import of it is there."""
+"""The names that scripts outside the package import from it exist."""
 
 import ast
 from importlib import import_module
@@ -15,7 +15,7 @@ SCRIPTS = [path for folder in ("benchmarks", "docs", "examples") for path in sor
 def test_a_script_finds_what_it_imports_of_the_package(script):
     imports = [node for node in ast.walk(ast.parse(script.read_text("utf-8"))) if isinstance(node, ast.ImportFrom)]
     for node in imports:
-        # What needs PyTorch is for the heavy tests.
+        # semisynth_gl.torch needs PyTorch, which this test does without.
         if node.module.startswith("semisynth_gl") and not node.module.startswith("semisynth_gl.torch"):
             module = import_module(node.module)
             missing = [each.name for each in node.names if not hasattr(module, each.name)]

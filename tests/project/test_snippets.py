@@ -1,4 +1,4 @@
-"""The blocks of code in README and docs run as they stand, and none is forgotten."""
+"""The code blocks of README and docs run unchanged, and every block is marked."""
 
 import os
 import re
@@ -28,9 +28,9 @@ RUN = {"python", "sh", "bash"}
 PROGRAM = "semisynth-gl"
 ALL_BLOCKS = [block for page in PAGES for block in blocks(page)]
 
-# --- what pages presume: the user's photographs, calibration and predictions, and datasets made before ---
+# --- files that pages assume: photographs, calibration, predictions, datasets ---
 
-# As small as calibrate's patches allow.
+# The smallest photographs that calibrate accepts.
 WIDTH, HEIGHT = 320, 256
 CALIBRATION = f"""cam0=[420 0 150; 0 420 120; 0 0 1]
 cam1=[420 0 155; 0 420 120; 0 0 1]
@@ -39,12 +39,12 @@ baseline=120
 width={WIDTH}
 height={HEIGHT}
 """
-# Few models and patches are made quickly.
+# Few models and patches, to be fast.
 FEW = "extends: sceneflow\nmodels: {variants: 1, complex: 0}\ntextures: {max_patches: 16}\n"
 
 
 def photographs(folder, path):
-    """Photographs of the rig, as sharp as any."""
+    """Write three photographs of noise."""
     (folder / path).mkdir(parents=True)
     for number in range(3):
         pixels = np.random.default_rng(number).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
@@ -52,14 +52,14 @@ def photographs(folder, path):
 
 
 def disparity_map(path, left, right):
-    """A true disparity map of two walls."""
+    """Write a disparity map of two walls."""
     path.parent.mkdir(exist_ok=True)
     disparity = np.where(np.arange(WIDTH) < WIDTH / 2, left, right).astype(np.float32)
     path.write_bytes(PFM.encode(np.tile(disparity, (HEIGHT, 1))))
 
 
 def rig(folder):
-    """The rig's calibration, disparity maps, and a network's disparities of four pairs."""
+    """Write the rig's calibration, disparity maps, and a network's disparities of four pairs."""
     (folder / "calib.txt").write_text(CALIBRATION)
     for number in range(2):
         disparity_map(folder / "gt" / f"{number}.pfm", 30, 32)
@@ -73,12 +73,11 @@ def predictions(folder, name, shape):
 
 
 def dataset(folder, path, pairs=2, layout="middlebury", shard_pairs=None, **sections):
-    """A dataset of tiny pairs."""
     generate(cheap(**sections), folder / path, pairs, 0, layout=layout, shard_pairs=shard_pairs)
 
 
 def scene(folder, path):
-    """A scene as Middlebury has it: an image, and its disparity."""
+    """Write an image and its disparity as in Middlebury."""
     photographs(folder, path)
     (folder / path / "0.png").rename(folder / path / "im0.png")
     disparity_map(folder / path / "disp0GT.pfm", 10, 30)
@@ -108,7 +107,7 @@ PRESUMED = {
 
 @pytest.fixture
 def make_folder(tmp_path, monkeypatch):
-    """Go to a folder that holds what a page presumes, with a home folder inside."""
+    """Change to a folder with the files that a page assumes, and a home folder."""
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
@@ -127,7 +126,7 @@ def pages_with(mark):
 
 
 def run_shell(block):
-    """Run a block: where it does nothing but call the program, in this process, which saves it the time to start."""
+    """Run a block; if it only calls the program, run it in this process, which is faster."""
     if all(words[0] == PROGRAM and not {">", "|", "&&"} & {*words} for words in block.commands):
         for _, *words in block.commands:
             calibrates = words[0] == "calibrate"
@@ -145,7 +144,7 @@ def run_shell(block):
 @pytest.mark.parametrize("page", pages_with("runnable"))
 def test_the_blocks_of_a_page_run_in_order(page, make_folder):
     make_folder(page)
-    names = {"__name__": "__main__"}  # what a block of Python defines stays for the next one
+    names = {"__name__": "__main__"}  # later Python blocks use the names of earlier ones
     for block in blocks(page):
         if block.mark == "runnable" and block.language == "python":
             exec(compile(block.text, block.place, "exec"), names)  # noqa: S102 - the project's own documentation
@@ -153,7 +152,7 @@ def test_the_blocks_of_a_page_run_in_order(page, make_folder):
             run_shell(block)
 
 
-# Workers that are spawned import the script, so it has to be one.
+# Spawned workers import the main script, so the blocks must be a file.
 @pytest.mark.heavy
 @pytest.mark.parametrize("page", pages_with("runnable: heavy"))
 def test_the_heavy_blocks_of_a_page_run_in_order(page, make_folder):
@@ -170,7 +169,7 @@ def test_the_heavy_blocks_of_a_page_run_in_order(page, make_folder):
     assert done.returncode == 0, done.stderr
 
 
-# --- what is not run ---
+# --- blocks that do not run ---
 
 
 def test_every_block_that_could_run_runs_or_says_why_not():
@@ -178,7 +177,7 @@ def test_every_block_that_could_run_runs_or_says_why_not():
     comments = [
         re.findall(r"^<!-- (?:runnable|not run).*$", path.read_text("utf-8"), re.MULTILINE) for path in PAGES.values()
     ]
-    # Else one is misspelt, or away from its block.
+    # If not, a mark is misspelt or not directly before its block.
     assert sum(map(len, comments)) == sum(bool(block.mark) for block in ALL_BLOCKS) > 5
 
 
@@ -190,7 +189,6 @@ def test_blocks_of_yaml_are_configs_that_generate_takes():
 
 
 def test_commands_that_are_not_run_have_options_and_keys_that_exist():
-    """Options of commands that take hours, and of those whose output is shown."""
     commands = [
         (block.place, words)
         for block in ALL_BLOCKS

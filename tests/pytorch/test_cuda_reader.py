@@ -1,4 +1,4 @@
-"""From OpenGL's buffers to CUDA's tensors, with a stand-in for CUDA: this has no GPU to run on."""
+"""From OpenGL's buffers to CUDA's tensors, with a fake CUDA runtime, since CI has no GPU."""
 
 # ruff: noqa: N802 - names of the CUDA runtime
 
@@ -25,14 +25,14 @@ from semisynth_gl.torch import StereoStream, stream  # noqa: E402
 from semisynth_gl.torch.cuda_reader import CudaPixelReader  # noqa: E402
 
 SEED = 3
-# The stand-in's pointers are the processor's, so tensors are too.
+# The fake runtime's pointers point to main memory.
 DEVICE = torch.device("cpu", 0)
 
 
 class FakeRuntime(ModuleType):
-    """The functions of cuda.bindings.runtime that are used, over OpenGL's buffers; it notes what is called.
+    """The functions of cuda.bindings.runtime that we call, on OpenGL's buffers; records the calls.
 
-    Results are as the bindings give them: a tuple of the error and what there is beside it.
+    As in the bindings, a result is a tuple of the error and the values.
     """
 
     def __init__(self):
@@ -124,7 +124,7 @@ def test_what_is_drawn_reaches_cuda_as_it_is_read_back(backend, runtime, reader)
             for role, array in expected.items():
                 assert isinstance(tensors[role], torch.Tensor), role
                 np.testing.assert_array_equal(tensors[role].numpy(), array, err_msg=role)
-        # A buffer for each size, registered once: 1, 2, 3, 4, 8 and 12 bytes a pixel, for each of the two image sizes.
+        # The reader registers one buffer per size: 1, 2, 3, 4, 8 and 12 bytes per pixel, for two image sizes.
         assert len(runtime.registered) == 12
         objects = count_objects(renderer.renderer)["Buffer"]
         reader.close()
@@ -154,7 +154,7 @@ def test_what_cuda_refuses_is_told_and_unmapped(backend, runtime, reader, refuse
         with pytest.raises(BackendError, match=f"CUDA refused {refused}: refused for 719"):
             renderer.render(0, checked=False)
         assert not runtime.mapped
-        # The next one is drawn as ever.
+        # The next pair renders normally.
         runtime.refused = None
         assert isinstance(renderer.render(0, checked=False).frame.left.image, torch.Tensor)
         reader.close()
@@ -170,7 +170,7 @@ def test_a_renderer_on_another_gpu_is_refused(backend, runtime, reader):
 
 @pytest.fixture
 def gpu(monkeypatch, runtime):
-    """A stream's way to the stand-in."""
+    """Make streams with device="cuda" use the fake runtime."""
 
     def made(device):
         assert device == torch.device("cuda", 0)
@@ -185,7 +185,7 @@ def gpu(monkeypatch, runtime):
 
 def test_a_stream_on_a_gpu_yields_the_same(gpu):
     options = {"crop": (20, 30), "checked": False}
-    # Taken in turns: the reader of one stream is not the other's.
+    # Read both streams alternately, since each has its own reader.
     there, here = (StereoStream(cheap(), SEED, 3, device=device, **options) for device in ("cuda", "cpu"))
     for on_gpu, sample in zip(there, here, strict=True):
         assert on_gpu["instances_left"].dtype == torch.int32

@@ -1,4 +1,4 @@
-"""Pairs for PyTorch: the dataset's arrays, in any order and process."""
+"""`StereoStream` gives the dataset's arrays in any order and process."""
 
 import pickle
 from importlib import import_module
@@ -55,7 +55,7 @@ def assert_same(sample, frame):
 
 
 def place_of(sample, cx_left_px, cy_px):
-    """Where a crop of (20, 30) was cut, by its camera and the whole image's."""
+    """Return the crop of a sample of (20, 30) pixels, from its principal point and the whole image's."""
     camera = sample["camera"]
     return Crop(round(cx_left_px - camera["cx_left_px"]), round(cy_px - camera["cy_px"]), 30, 20)
 
@@ -102,7 +102,7 @@ def test_a_renderer_opens_for_the_first_sample_and_closes_when_told(backend, mon
     stream.close()
     assert not held
     assert torch.equal(stream[3]["left"], first)
-    # Neither the renderer nor its atlas goes to a worker.
+    # Neither the renderer nor its atlas is pickled for workers.
     assert len(pickle.dumps(stream)) < 10_000
     with pytest.raises(IndexError, match="5 pairs, got number 5"):
         stream[5]

@@ -1,4 +1,4 @@
-"""Pairs that stay on a GPU, where there is one: the values are those that come through main memory."""
+"""On a real GPU: pairs that stay there have the same values as pairs read through main memory."""
 
 import pytest
 from heavy import heavy

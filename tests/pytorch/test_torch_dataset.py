@@ -1,4 +1,4 @@
-"""Written datasets for PyTorch: the stream's samples, in any layout, in workers, in batches."""
+"""`StereoDataset` gives the stream's samples: in any layout, in workers, in batches."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ SMALL = Augmentation(scale=(0.8, 1.3), mirrored=0.5, noise=(1, 3), brightness=(0
 CHANGES = replace(PRESETS["raft-stereo"], mirrored=0.5, noise=(1, 4), rectangle_px=(5, 20))
 SPLITS = {"train": 4, "test": 2}
 MASKS = {channel.mask for channel in CHANNELS.values()}
-# Half a step of the files, and of JPEG the levels that it was seen to be off here, and one more.
+# Half a step of the files; for JPEG, one level more than the largest error measured here.
 ROUNDING = {
     "kitti": {"disparity": 1 / 512, "flow": 1 / 128, "flow_backward": 1 / 128},
     "crestereo": {"disparity": 1 / 64, "image": 5},
@@ -46,7 +46,7 @@ def same(sample, other):
 
 @pytest.fixture(scope="module")
 def moving():
-    """A config of sequences with every output."""
+    """Make a config of sequences with every output."""
     eye = {"fx_px": 140, "distortion": [-0.3, 0.05, 0.001, 0], "rotation_deg": [0.2, 1, 0.3]}
     lens = {"raw_width_px": 64, "raw_height_px": 48, "left": eye, "right": eye}
     return cheap(sequence={"length": 2}, outputs=list(OUTPUTS), lens=lens)
@@ -54,7 +54,7 @@ def moving():
 
 @pytest.fixture(scope="module")
 def streamed(moving):
-    """What the stream yields, by split and crop."""
+    """Return the stream's samples by split and crop."""
     return {
         (split, crop): list(StereoStream(moving, SEED, pairs, split=split, splits=tuple(SPLITS), crop=crop))
         for split, pairs in SPLITS.items()
@@ -64,7 +64,7 @@ def streamed(moving):
 
 @pytest.fixture(scope="module")
 def hand_made(tmp_path_factory):
-    """Seven training pairs and three of a test split, as tars."""
+    """Write seven training pairs and three test pairs as tars."""
     folder = tmp_path_factory.mktemp("hand-made")
     write_dataset(folder, "webdataset", {"train": 7, "test": 3}, 3)
     return folder
@@ -105,7 +105,7 @@ def test_pairs_of_one_scene_share_their_crop_and_no_tensor(backend, tmp_path):
     streamed = [stream[index] for index in order]
     assert [sample["index"] for sample in streamed] == order
     assert torch.equal(streamed[0]["left"], streamed[1]["left"])
-    streamed[0]["left"] += 1  # what a transform does to one stays there
+    streamed[0]["left"] += 1  # changing one sample must not change the other
     assert not torch.equal(streamed[0]["left"], streamed[1]["left"])
     streamed[0]["left"] -= 1
     generate(config, tmp_path / "set", 11, SEED, layout="webdataset", backend=backend)
@@ -114,7 +114,7 @@ def test_pairs_of_one_scene_share_their_crop_and_no_tensor(backend, tmp_path):
 
 
 def place_of(sample, whole):
-    """Where a crop was cut, by its camera."""
+    """Return a crop's corner, from its principal point and the whole image's."""
     return tuple(round(whole["camera"][name] - sample["camera"][name]) for name in ("cx_left_px", "cy_px"))
 
 
@@ -144,7 +144,7 @@ def by_worker(sample):
 
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
 def test_forked_workers_read_what_this_process_reads(backend, hand_made):
-    # Forked from a process that has drawn: a dataset needs no OpenGL.
+    # Render before the fork: a dataset's workers must not need OpenGL.
     assert len(StereoStream(cheap(), SEED, 1, backend=backend)[0]["left"]) == 3
     dataset = StereoDataset(hand_made, None, crop=CROP, transform=by_worker)
     found = list(DataLoader(dataset, None, num_workers=2, multiprocessing_context="fork", timeout=TIMEOUT_S))
@@ -180,7 +180,7 @@ def test_arguments_that_cannot_be_used_are_refused(hand_made, options, message):
 
 def test_pairs_are_found_by_whole_numbers_and_keep_their_values(hand_made):
     dataset = StereoDataset(hand_made)
-    dataset[6]["left"].zero_()  # as code that changes its batch does
+    dataset[6]["left"].zero_()  # as a training may change its batch
     assert dataset[-1]["left"].any()
     assert same(dataset[-1], dataset[6])
     for wrong, error in ((7, IndexError), (1.0, InputError)):
@@ -202,11 +202,11 @@ def test_a_dataset_has_the_augmented_samples_of_the_stream(backend, tmp_path):
     samples = list(stream)
     assert [same(*both) for both in zip(samples, dataset, strict=True)] == [True] * 6
     assert all(sample["left"].shape == (3, 32, 40) for sample in samples)
-    # Both frames of a sequence change alike, but for their noise.
+    # Both frames of a sequence get the same augmentation except noise.
     cameras = [tuple(sample["camera"].values()) for sample in samples]
     assert cameras[::2] == cameras[1::2]
     assert len(set(cameras)) == 3
-    # Where pixels come from does not matter to where they are drawn.
+    # Checked pairs are rendered whole and then cropped, unchecked ones only in the crop.
     unchecked = StereoStream(config, SEED, 6, crop=(32, 40), augmentation=CHANGES, checked=False)
     assert [same(*both) for both in zip(samples, unchecked, strict=True)] == [True] * 6
 

@@ -70,11 +70,11 @@ def sampler_of(config, seed=3):
 @given(st.lists(st.floats(0.01, 10), min_size=1, max_size=6), st.integers(0, 2**32), st.integers(0, 10**9))
 def test_successive_sequences_have_each_recipe_as_often_as_its_share_says(weights, seed, first):
     given_shares = np.array(weights) / sum(weights)
-    drawn = recipe_numbers(first + np.arange(500), given_shares.tolist(), seed)
+    recipes = recipe_numbers(first + np.arange(500), given_shares.tolist(), seed)
     so_far = np.arange(1, 501)
     for recipe, share in enumerate(given_shares):
         # Independent random choices would sometimes be off by more than 20.
-        assert np.abs(np.cumsum(drawn == recipe) - share * so_far).max() < 4.5
+        assert np.abs(np.cumsum(recipes == recipe) - share * so_far).max() < 4.5
 
 
 def test_a_preview_shows_each_recipe_and_says_what_it_is(program, tmp_path):
@@ -183,9 +183,9 @@ def test_a_dataset_has_one_library():
     assert [plain.models[number].name for number in plain.sampled] == [mesh.name for mesh in alone.models]
     np.testing.assert_array_equal(plain.chances, alone.chances)
     assert plain.relief.fill == alone.relief.fill > walls.relief.fill
-    drawn = {solids.models[number].name for number in solids.sampled}
-    assert "cube" in drawn
-    assert "pyramid" not in drawn
+    chosen = {solids.models[number].name for number in solids.sampled}
+    assert "cube" in chosen
+    assert "pyramid" not in chosen
 
 
 def test_a_dataset_of_several_recipes_comes_to_its_target():
