@@ -55,7 +55,7 @@ def zed(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
     if ("STEREO", "Baseline") not in tree:
         return None
     modes = dict.fromkeys(name[0].removeprefix("LEFT_CAM_") for name in tree)
-    mode = _chosen({known: _ZED_SIZES[known] for known in modes if known in _ZED_SIZES}, size)
+    mode = _mode_of_size({known: _ZED_SIZES[known] for known in modes if known in _ZED_SIZES}, size)
     eye_of = {f"LEFT_CAM_{mode}": "left", f"RIGHT_CAM_{mode}": "right"}
     made: Tree = {(eye_of[name[0]], name[-1]): value for name, value in tree.items() if name[0] in eye_of}
     t_mm = [-abs(_number(tree, "STEREO", "Baseline"))]
@@ -71,7 +71,7 @@ def realsense(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
     if not numbers or ("baseline",) not in tree:
         return None
     sizes = {n: ImageSize(*(int(_number(tree, "rectified", n, side)) for side in ("width", "height"))) for n in numbers}
-    number = _chosen({n: own for n, own in sizes.items() if min(own) > 0}, size)
+    number = _mode_of_size({n: own for n, own in sizes.items() if min(own) > 0}, size)
     made = {name[2:]: value for name, value in tree.items() if name[:2] == ("rectified", number)}
     return RenamedTree(made | {("baseline",): np.array(abs(_number(tree, "baseline")) / 1000)})
 
@@ -189,8 +189,8 @@ ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kit
 """Each returns None for other formats. The size is None unless the user gave one or the photographs have one."""
 
 
-def _chosen(sizes: Mapping[str, ImageSize], size: ImageSize | None) -> str:
-    """Return the mode whose images have this size, or without a size the only mode; raises FormatError if none fits."""
+def _mode_of_size(sizes: Mapping[str, ImageSize], size: ImageSize | None) -> str:
+    """Return the mode whose images have this size; without a size, the only mode. Raises FormatError if none fits."""
     fitting = [mode for mode, own in sizes.items() if own == size or (size is None and len(sizes) == 1)]
     if fitting:
         return fitting[0]

@@ -24,7 +24,7 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.prepare import prepare_atlas
 
-# Beyond these values, units may be wrong: the view's width, disparity above that of infinity, and distance.
+# A unit may be wrong if the view is wider, the largest disparity minus that of infinity smaller, or the scene nearer.
 _WIDEST_DEG, _LEAST_PX, _NEAREST_M = 150, 2, 0.01
 
 

@@ -26,15 +26,15 @@ from semisynth_gl.frame.raw_camera import LensModel
 UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 """Metres per unit of a translation, by the unit's name."""
 
-# A baseline without a unit is taken as metres up to the first value, as cm up to the second, and as mm above. So it is
-# cm or mm, whichever is nearer to 12 cm, the baseline of most rigs.
+# A baseline without a unit is taken as metres up to the first value, as cm up to the second, and as mm above. The
+# second value as cm and as mm is equally far, by factors, from 12 cm, the baseline of most rigs.
 _LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
 # Relative tolerance of equal baselines.
 _SAME_BASELINE = 0.02
 # Keys of poses, with target frame and source frame; "camera" is the camera of the pose's name.
 _POSES = {
     "tcamimu": ("camera", "body"),  # Kalibr
-    "timucam": ("body", "camera"),  # OpenVINS, Basalt
+    "timucam": ("body", "camera"),  # OpenVINS
     "tbs": ("body", "camera"),  # EuRoC, Kimera
     "bodytcam": ("body", "camera"),  # VINS-Fusion
     "tcc": ("1", "2"),  # T_c1_c2 of ORB-SLAM3

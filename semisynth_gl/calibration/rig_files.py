@@ -56,7 +56,7 @@ def read_rig(
         trees |= {str(path): read_tree(path) for path in paths if str(path) not in trees}
     if unit is not None:
         check_one_of("unit", unit, UNITS)
-    find = partial(_find, cameras=_chosen(cameras), unit=unit, size=size or photographed)
+    find = partial(_find, cameras=_cameras_of(cameras), unit=unit, size=size or photographed)
     if calib_keys:
         arrays = find(_renamed(_whole(trees), calib_keys), " and ".join(trees), cameras=None, adapters=())
     else:
@@ -81,8 +81,11 @@ def read_rig(
     return make_rig(arrays, known, alpha)
 
 
-def _chosen(names: tuple[str, str] | None) -> tuple[str, str] | None:
-    """Return the cameras that two names state, as in `Arrays`; raises InputError if they state none."""
+def _cameras_of(names: tuple[str, str] | None) -> tuple[str, str] | None:
+    """Return the two cameras of names such as cam1 and cam2, as in `Arrays`: ("1", "2").
+
+    Raises InputError if a name has neither a number nor an eye, or both are the same camera.
+    """
     if names is None:
         return None
     left, right = (key_and_camera((name,))[1] for name in names)
@@ -108,7 +111,10 @@ def _find_in_files(trees: Mapping[str, Tree], find: Find) -> StereoArrays | None
 
 
 def _renamed(tree: Tree, keys: Mapping[str, str]) -> Tree:
-    """Return the values that ``keys`` select, and the tree's strings; also its sizes if no key selects one."""
+    """Return the values that ``keys`` select, under names that `aliases` knows, and the tree's texts.
+
+    If no key selects a size, the sizes in the tree are returned too.
+    """
     values = {".".join(name): value for name, value in tree.items()}
     for key, name in keys.items():
         if key not in _NAMES:
