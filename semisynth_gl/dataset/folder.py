@@ -50,7 +50,7 @@ def read_plan(root: UPath) -> DatasetPlan | None:
     try:
         return parse(DatasetPlan, data, shown_path(root, PLAN))
     except ReadError as error:
-        remedy = "without its plan, the dataset can be neither resumed nor replaced: remove it"
+        remedy = "without a plan, a dataset can be neither resumed nor replaced: remove its folder"
         raise ReadError(error.path, f"{error.reason}; {remedy}") from None
 
 
