@@ -34,9 +34,8 @@ float light_on(vec3 over_depth, float inverse_depth, vec3 normal, bool is_sky) {
     bool reached = over_depth.z > 0.0 && inside && point.z <= deepest_m * SAME_DEPTH;
     float distance_squared = dot(point, point);
     float cosine = abs(dot(normal, point)) / max(sqrt(dot(normal, normal) * distance_squared), 1e-30);
-    // Eye and projector may be on opposite sides of a sheet, whose lit side the eye then does not see. The vector from
-    // the eye to the point, divided by Z, is P / Z minus (eye in the projector's frame) / Z. The eye is the matrix's
-    // last column.
+    // If eye and projector are on opposite sides of a sheet, the eye does not see the lit side. The vector from the eye
+    // to the point is P minus the eye's position, the last column of the matrix.
     vec3 from_eye = over_depth - projector_from_window[3].xyz * inverse_depth;
     bool same_side = dot(normal, point) * dot(normal, from_eye) > 0.0;
     // The sky is too far away to be lit.

@@ -4,8 +4,9 @@
 // on the surface, this is the colour of the next pixel across the edge.
 
 in vec4 seen_patch;  // patch coordinate of the edge beside this pixel, layer, mipmap level
-flat in vec4 line;   // the edge's unit normal n, away from the surface, and c: at distance n . x + c, px, from the edge
-                     // is window position x; then 1 for a large patch, else 0
+// The edge's line in the window: unit normal n, away from the surface, and c. A position x is at a distance of
+// n . x + c, px, from the edge, positive off the surface. The last component is 1 for a large patch, else 0.
+flat in vec4 line;
 
 layout(binding = 0) uniform sampler2DArray atlas;
 #ifdef LARGE
@@ -21,9 +22,9 @@ flat in vec3 normal;  // of the surface, in the projector's frame
 
 layout(location = 0) out vec4 colour;
 
-// The share of a pixel's area beyond a line at this distance from the pixel's centre, for a line with normal n. With
-// l >= s for abs(n.x) and abs(n.y), a line that cuts off one corner leaves a triangle of area
-// ((l + s) / 2 - distance)^2 / (2 l s), and one that cuts two opposite sides leaves 1/2 - distance / l.
+// The share of a pixel's area beyond a line with normal n at this distance from the pixel's centre. Let l be the larger
+// of abs(n.x) and abs(n.y), and s the smaller. A line that cuts off one corner cuts off a triangle of area
+// ((l + s) / 2 - distance)^2 / (2 l s). A line through two opposite sides cuts off 1/2 - distance / l.
 float share_beyond(float distance_px, vec2 n) {
     vec2 extent = abs(n);
     float longer = max(extent.x, extent.y), shorter = min(extent.x, extent.y);

@@ -80,7 +80,7 @@ struct Motion {
     vec2 flow_px;
 };
 
-// In units of Z now, the point is ray = ((x - cx) / fx, (y - cy) / fy, 1) now and ray + way then.
+// In units of Z now, the point is ray = ((x - cx) / fx, (y - cy) / fy, 1) now and ray + displacement then.
 Motion motion_of(ivec2 pixel, float depth_m, Move move) {
     float inverse_depth = depth_m > LARGEST ? 0.0 : 1.0 / depth_m;
 #ifdef OTHER_EYE
@@ -90,15 +90,15 @@ Motion motion_of(ivec2 pixel, float depth_m, Move move) {
 #endif
     // (C q + s) / Z with q = Z ray - c. It is no difference of two positions, so a small motion has small errors.
     vec4 from_centre = vec4(ray - move.centre.xyz * inverse_depth, inverse_depth);
-    vec3 way = vec3(dot(move.change_and_shift_x, from_centre), dot(move.change_and_shift_y, from_centre),
-                    dot(move.change_and_shift_z, from_centre));
-    float depth_ratio = 1.0 + way.z;
-    // f ((ray + way).xy / depth_ratio - ray.xy)
-    vec2 flow_px = focal_px * (way.xy - ray.xy * way.z) / depth_ratio;
+    vec3 displacement = vec3(dot(move.change_and_shift_x, from_centre), dot(move.change_and_shift_y, from_centre),
+                             dot(move.change_and_shift_z, from_centre));
+    float depth_ratio = 1.0 + displacement.z;
+    // f ((ray + displacement).xy / depth_ratio - ray.xy)
+    vec2 flow_px = focal_px * (displacement.xy - ray.xy * displacement.z) / depth_ratio;
 #ifdef OTHER_EYE
     flow_px += lens_change.zw * ray.xy + lens_change.xy;
 #endif
-    return Motion(inverse_depth, way.z, depth_ratio, flow_px);
+    return Motion(inverse_depth, displacement.z, depth_ratio, flow_px);
 }
 
 // 1 / Z then of the four pixels around a position: x and y are the lower left and right pixels, w and z the upper ones.

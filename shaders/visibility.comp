@@ -233,25 +233,24 @@ void main() {
         // rise by STEEPEST at most. If both pixels beside the point show the point's surface, nothing there hides it.
         float limit_px = is_same_surface(disparity_px, target.x - left, beside)
             ? LARGEST : max(disparity_px - STEEPEST, farthest_px());
-        // The pixels whose surfaces are to be traced, a bit each. The point's surface is not traced, nor one twice in
-        // succession.
-        uint open = 0u;
+        // A bit for each pixel whose surface is to be traced: not the point's surface, and none twice in succession.
+        uint to_trace = 0u;
         uvec2 previous = own;
         for (int k = 0; k < 6; ++k) {
             ivec2 start = clamp(ivec2(int(left), pixel.y) + AROUND[k], ivec2(0), last);
             uvec2 surface = texelFetch(other_surface, start, 0).rg;
             if (surface != own && surface != previous && around[k] > (k < 2 ? limit_px : disparity_px + EDGE_PX)) {
-                open |= 1u << k;
+                to_trace |= 1u << k;
                 previous = surface;
             }
         }
         bool hidden = false;
         Trace trace;
         trace.ended = true;
-        while (!hidden && (open != 0u || !trace.ended)) {
+        while (!hidden && (to_trace != 0u || !trace.ended)) {
             if (trace.ended) {
-                int k = findLSB(open);
-                open &= open - 1u;  // clears bit k
+                int k = findLSB(to_trace);
+                to_trace &= to_trace - 1u;  // clear bit k
                 ivec2 start = clamp(ivec2(int(left), pixel.y) + AROUND[k], ivec2(0), last);
                 trace = trace_from(texelFetch(other_surface, start, 0).rg, vec2(start), target);
             }

@@ -76,7 +76,7 @@ class TransformComposer:
         radius_m = self._radius[scene.model] * stretch
         reach_m = np.abs(view_from_model[:, :3, 3]).max(axis=1, initial=0.0) + radius_m
         _refuse(reach_m, reach_m > MOST, "reaches farther from the camera")
-        # The radius of a tiny instance may underflow to 0, so it does not tell instances of a single point.
+        # The radius of a tiny instance may underflow to 0, so a radius of 0 does not mean a single point.
         has_extent = (np.abs(linear).max(axis=(1, 2), initial=0.0) > 0) & (self._radius[scene.model] > 0)
         _refuse(radius_m, has_extent & (radius_m < _LEAST_M), "is smaller")
         return InstanceTransforms(scene, view_from_model, radius_m, solid, _patch_from_uv(scene))

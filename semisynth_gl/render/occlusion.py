@@ -21,7 +21,7 @@ from semisynth_gl.render.targets import EyeView
 
 # Culling pays off only in views of at least this many triangles.
 _FEWEST_TRIANGLES = 150_000
-# Maximum share of a view's triangles that are the occluders'.
+# Occluders have at most this share of a view's triangles.
 _OCCLUDERS_SHARE = 0.05
 _CLUSTER_TRIANGLES = 128
 TILE_PX = 16
@@ -55,7 +55,9 @@ class OcclusionCuller:
         context, models = resources.context, resources.models.meshes
         self._gl, self._functions, self._models = context.gl, context.functions, resources.models
         self._triangles = np.array([len(mesh.triangles) for mesh in models])
-        self._corners = _corners(*(np.stack([f(mesh.positions, axis=0) for mesh in models]) for f in (np.min, np.max)))
+        low = np.stack([mesh.positions.min(axis=0) for mesh in models])
+        high = np.stack([mesh.positions.max(axis=0) for mesh in models])
+        self._corners = _corners(low, high)
         self._program = link_program(context, "mesh.vert", "mesh.frag", {})
 
     @cached_property
@@ -177,7 +179,7 @@ def _choose_occluders(
 
 
 def _make_depth_table(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a sparse table for range minima: the smallest depth (near / Z), that of the farthest surface, of blocks.
+    """Return the smallest depth (near / Z), that of the farthest surface, of blocks of tiles, as a sparse table.
 
     Entry [a, b, y, x] is for the block of 2^a rows and 2^b columns of tiles that begins at tile row y and column x.
     """

@@ -159,10 +159,7 @@ def test_scenes_of_any_unit_that_float32_holds_are_drawn(scale):
         ({"uv_scale": 1e18}, "scene: uv_scale: must be at most"),
         ({"model_scale": 1e18}, "mesh wall: positions: must be at most"),
         ({"model_scale": 1e-30, "instance_scale": 1e-30}, "mesh wall: must reach 1e-09 to 1e\\+09 from its origin"),
-        (
-            {"model_scale": 1e-6, "instance_scale": 1e-6, "model_at": 1e7},
-            "mesh wall: positions are farther from 0 than",
-        ),
+        ({"model_scale": 1e-6, "instance_scale": 1e-6, "model_at": 1e7}, "mesh wall: positions are farther from 0"),
     ],
     ids=str,
 )

@@ -236,6 +236,14 @@ def test_an_osmesa_of_old_mesa_is_told(monkeypatch):
         open_context("osmesa")
 
 
+def test_an_osmesa_context_that_cannot_be_current_is_destroyed(monkeypatch):
+    library = Mock(OSMesaCreateContextAttribs=Mock(return_value=7), OSMesaMakeCurrent=Mock(return_value=0))
+    monkeypatch.setattr(osmesa, "_load_library", lambda: library)
+    with pytest.raises(BackendError, match="osmesa: OSMesa could not make its context current"):
+        open_context("osmesa")
+    library.OSMesaDestroyContext.assert_called_once_with(7)
+
+
 def opened(name, **environment):
     """Open a backend in a new process: Mesa reads its variables once."""
     if backend_fault(name):
