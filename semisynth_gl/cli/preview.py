@@ -10,6 +10,7 @@ from semisynth_gl.cli.options import Command, option, scene_config, scene_option
 from semisynth_gl.cli.outputs import OutputFileType, table
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config.scene_sections import TexturesSection
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.render import Backend
@@ -67,25 +68,23 @@ def preview(
             progress.on_pair()
         expected = renderer.sampler.expected()
         title = f"{config.name}, seed {seed}, {counted(len(shown), 'pair')}, {renderer.renderer_name}"
-    of_recipe = [[pair for pair in shown if pair.provenance.get("recipe") == recipe.name] for recipe in recipes]
-    grouped = [(recipe, pair, len(its)) for recipe, its in zip(recipes, of_recipe, strict=True) for pair in its]
-    plot_sheet(
-        [pair.frame for _, pair, _ in grouped],
-        target,
-        title,
-        [f"{'' if recipe.name is None else f'{recipe.name}, '}pair {pair.index}" for recipe, pair, _ in grouped],
-        [recipe.share / count for recipe, _, count in grouped],
-    ).savefig(out)
-    click.echo(f"{counted(len(shown), 'pair')} in {out}")
-    for recipe, its in zip(recipes, of_recipe, strict=True):
+    frames, names, weights = list[Frame](), list[str](), list[float]()
+    lines = [f"{counted(len(shown), 'pair')} in {out}"]
+    for recipe in recipes:
+        sampled = [pair for pair in shown if pair.provenance.get("recipe") == recipe.name]
+        frames += [pair.frame for pair in sampled]
+        names += [f"{'' if recipe.name is None else f'{recipe.name}, '}pair {pair.index}" for pair in sampled]
+        weights += [recipe.share / len(sampled) for _ in sampled]
         if recipe.name is not None:
-            listed = ", ".join(str(pair.index) for pair in its)
-            seen = f"shown as {'pair' if len(its) == 1 else 'pairs'} {listed}" if its else "not shown"
-            click.echo(f"{recipe.name}, {recipe.share:.0%} of the scenes: {seen}")
-    click.echo(
+            numbers = ", ".join(str(pair.index) for pair in sampled)
+            seen = f"shown as {'pair' if len(sampled) == 1 else 'pairs'} {numbers}" if sampled else "not shown"
+            lines.append(f"{recipe.name}, {recipe.share:.0%} of the scenes: {seen}")
+    lines.append(
         f"expected distance of many pairs' disparities from the target: total variation "
         f"{total_variation(expected, target):.3f}, Wasserstein-1 {wasserstein_px(target, expected):.2g} px"
     )
+    plot_sheet(frames, target, title, names, weights).savefig(out)
+    click.echo("\n".join(lines))
 
 
 def _preview_patches(section: TexturesSection, seed: int, out: Path) -> None:

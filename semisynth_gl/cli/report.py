@@ -54,8 +54,9 @@ def report(directory: str, out: Path | None, json_file: Path | None, **options: 
     measured = counted(len(built.pairs), "pair")
     beside = "" if built.place is None else f" beside {built.place.summary}"
     click.echo(f"{measured}{beside}, at a width of {built.width_px} px\n")
-    advice = len(comparison.HEAD) - 1
-    for line in (*table(row[:advice] for row in comparison.table(built.rows)), "", *comparison.summary(built.rows)):
+    # The summary has the advice, the last column.
+    columns = len(comparison.HEAD) - 1
+    for line in (*table(row[:columns] for row in comparison.table(built.rows)), "", *comparison.summary(built.rows)):
         click.echo(line)
     for note in () if built.place is None else built.place.notes:
         click.echo(f"note: {note}", err=True)

@@ -52,12 +52,12 @@ def verify(directory: str, json_file: Path | None, rays: int | None, pixels: int
 def _summary(found: Verification, seconds: float) -> str:
     """Return a line with the worst value of each measure, and the seconds per pair."""
     parts = []
-    for name, text in (
-        ("left_right_left_median_px", "left against right {:.5f} px"),
-        ("best_shift_x_px", "images fit within {:.3f} px"),
-        ("visibility_left_disagree_share", "masks disagree in {:.3%}"),
-        ("oracle_disparity_largest_px", "rays within {:.1e} px"),
-    ):
+    for name, text in {
+        "left_right_left_median_px": "left against right {:.5f} px",
+        "best_shift_x_px": "images fit within {:.3f} px",
+        "visibility_left_disagree_share": "masks disagree in {:.3%}",
+        "oracle_disparity_largest_px": "rays within {:.1e} px",
+    }.items():
         values = [abs(verdict.measures[name]) for verdict in found.verdicts if name in verdict.measures]
         if values:
             parts.append(text.format(max(values)))
