@@ -13,7 +13,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.instances import Instances, new_instances
 from semisynth_gl.scene.left_view import grid_px
-from semisynth_gl.scene.rig import SequenceRig, check_has_depth
+from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.view_volume import WIDEST_RAD, corner_rays, fit_box, smallest_offsets
 
 # Range of the positions of side walls: 0 is as near as possible, and 1 is at the edge of the view.
@@ -35,12 +35,10 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
     """Sample a far plane that fills both views at any moment of the sway; return a table of one row.
 
     With ``sky`` the plane is infinitely far away. Its ``depth_m`` then only scales the texture, and is the depth at
-    which the ground ends. Raises InputError if disparity + doffs is not positive, or if a plane that fills the swaying
-    view would be infinite.
+    which the ground ends. Raises InputError if a plane that fills the swaying view would be infinite.
     """
     camera, sway = rig.camera, rig.sway
     disparity_px = config.background.plane_disparity_px.sample(rng)
-    check_has_depth(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
     rays = corner_rays(camera)
     if sway.moves:
@@ -83,11 +81,11 @@ def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     Returns a table of six rows, and the depths (R,) that the left view shows at the points of `grid_px`. The rows are
     the walls in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras) of the cuboid's axes. A wall's
     ``depth_m`` is its median depth in the left view. For a wall that the view does not show, it is the sampled depth of
-    the back wall. Raises InputError as `sample_wall_px` does.
+    the back wall.
     """
     camera, turn = rig.camera, np.deg2rad(config.background.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)
-    wall_m = float(camera.depth_m(sample_wall_px(config, camera, rng)))
+    wall_m = float(camera.depth_m(sample_wall_px(config, rng)))
     farthest_m = float(camera.depth_m(config.disparity.min_px))
     fraction = _SIDE_WALL.sample_many(rng, 4)
     centre_ray = camera.rays("left", np.array((camera.width_px - 1) / 2), np.array((camera.height_px - 1) / 2))
@@ -128,12 +126,10 @@ def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     return new_instances(6, pose=world_from_face, unit_m=size, large=True, depth_m=median_m), seen_m
 
 
-def sample_wall_px(config: Config, camera: StereoCamera, rng: np.random.Generator) -> float:
-    """Sample the back wall's disparity at the image's centre; raise InputError if disparity + doffs is not positive."""
+def sample_wall_px(config: Config, rng: np.random.Generator) -> float:
+    """Sample the back wall's disparity at the image's centre."""
     least_px = config.disparity.min_px
-    wall_px = (config.background.wall_disparity_px or Range(least_px, least_px)).sample(rng)
-    check_has_depth(camera, wall_px, "background.wall_disparity_px")
-    return wall_px
+    return (config.background.wall_disparity_px or Range(least_px, least_px)).sample(rng)
 
 
 def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:

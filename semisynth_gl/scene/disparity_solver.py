@@ -38,7 +38,7 @@ from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.catalogue import ModelCatalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import ParticleBatch, ParticleSizes, expected_cover, expected_in_view, stated_sizes
-from semisynth_gl.scene.rig import SequenceRig, check_has_depth
+from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.static_scene import sample_static_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
@@ -134,9 +134,13 @@ class DisparitySolver:
             InputError: where disparity + doffs is not positive for a stated layer or clutter, or the target cannot be
                 met with ``particles.most`` particles.
         """
-        for number, (disparity_px, *_) in enumerate(self._stated_layers):
-            key = "layers" if number < len(self._config.particles.layers or ()) else "clutter"
-            check_has_depth(camera, disparity_px.low, f"particles.{key}.disparity_px")
+        least_px = min((disparity_px.low for disparity_px, *_ in self._stated_layers), default=np.inf)
+        if least_px + camera.doffs_px <= 0:
+            raise InputError(
+                f"particles: the disparity {least_px:g} px of a layer has no depth, since disparity + doffs must be "
+                f"positive, and doffs is {camera.doffs_px:g} px: give each layer a disparity_px above "
+                f"{-camera.doffs_px:g}"
+            )
         solved = list[ParticleBatch]()
         if self._solved:
             quantile = (self._first_quantile + sequence * np.sqrt(_PRIMES[: len(self._layers)])) % 1.0

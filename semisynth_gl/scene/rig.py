@@ -150,9 +150,8 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     """Return the depth of the near plane, at which the largest disparity of the image is ``max_px``.
 
     For a right camera that deviates, the plane is far enough away for its rectified twin, too. Raises InputError where
-    ``min_px`` + doffs is not positive, or the deviation alone causes disparities of ``max_px`` or more.
+    the deviation alone causes disparities of ``max_px`` or more. `Config` checks that ``min_px`` + doffs is positive.
     """
-    check_has_depth(camera, section.min_px, "disparity.min_px")
     depth_m = plane_m = float(camera.depth_m(section.max_px))
     for _ in range(0 if camera.rectified else _STEPS):
         # Assume that the deviation's part of the disparity does not depend on the depth, which is nearly true.
@@ -178,18 +177,6 @@ def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
     right_depth_m = depth_m / camera.rays("right", x_px, y_px)[..., 2]
     right = camera.correspondence("right", x_px, y_px, right_depth_m)[..., 0]
     return float(max(left.max(), right.max()))
-
-
-def check_has_depth(camera: StereoCamera, disparity_px: float, key: str) -> None:
-    """Raise InputError where a disparity of the config has no depth in front of the camera, since d + doffs <= 0.
-
-    The two rays of a point with this disparity would never meet. ``key`` is the config's key of the disparity.
-    """
-    if disparity_px + camera.doffs_px <= 0:
-        raise InputError(
-            f"{key}: {disparity_px:g} px has no depth, since disparity + doffs must be above 0, and doffs is "
-            f"{camera.doffs_px:g} px: raise {key} above {-camera.doffs_px:g}, or change camera.doffs_px or cx"
-        )
 
 
 def sample_sway(section: CameraSection, rng: np.random.Generator) -> Sway:

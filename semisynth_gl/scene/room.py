@@ -26,12 +26,9 @@ _SHALLOWEST_M = 0.3
 def sample_room(
     config: Config, rig: SequenceRig, catalogue: ModelCatalogue, rng: np.random.Generator
 ) -> FloorSceneBuilder:
-    """Sample a furnished room; both views show all of it beyond the near plane.
-
-    Raises InputError as `sample_wall_px` does.
-    """
+    """Sample a furnished room; both views show all of it beyond the near plane."""
     section, background, camera = config.room, config.background, rig.camera
-    wall_px = sample_wall_px(config, camera, rng)
+    wall_px = sample_wall_px(config, rng)
     wall_m = float(camera.depth_m(wall_px))
     # A large doffs may leave hardly any depths between min_px and max_px; walls must still be beyond the near plane.
     farthest_m = max(float(camera.depth_m(min(wall_px, config.disparity.min_px))), rig.clear_m)

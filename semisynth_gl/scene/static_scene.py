@@ -13,7 +13,7 @@ from semisynth_gl.scene.background import BackgroundKind, lay_ground, sample_cub
 from semisynth_gl.scene.catalogue import CURVED_PANEL, FACE, GROUND, SURFACE_MODELS, ModelCatalogue
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
 from semisynth_gl.scene.left_view import GRID, measure_left_view
-from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig, check_has_depth, sample_rig
+from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig, sample_rig
 from semisynth_gl.scene.room import sample_room
 from semisynth_gl.scene.scene import transform_vertices
 from semisynth_gl.scene.street import sample_street
@@ -38,8 +38,8 @@ def sample_static_scene(
 ) -> StaticScene:
     """Sample the static scene of one sequence.
 
-    ``generator_for`` returns the generator for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY. Raises InputError
-    where disparity + doffs is not positive for a disparity of the config, or as `sample_plane` does.
+    ``generator_for`` returns the generator for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY. Raises InputError as
+    `near_depth_m` and `sample_plane` do.
     """
     rig = sample_rig(config, generator_for)
     camera, near_m, rng = rig.camera, rig.near_m, generator_for(Purpose.BACKGROUND)
@@ -75,8 +75,7 @@ def sample_static_scene(
 def sample_structures(config: Config, rig: SequenceRig, far_m: float, rng: np.random.Generator) -> Instances:
     """Sample ground and panels in front of a background of depth ``far_m``; ``depth_m`` is that of the nearest vertex.
 
-    All are beyond the near plane, but a swaying camera may come so near to a panel that the near plane clips it. Raises
-    InputError where ``ground_disparity_px`` + doffs or ``panel_disparity_px`` + doffs is not positive.
+    All are beyond the near plane, but a swaying camera may come so near to a panel that the near plane clips it.
     """
     section, sampled = config.structures, list[tuple[Mesh, Floats]]()
     if rng.random() < section.ground:
@@ -99,7 +98,6 @@ def _sample_ground(config: Config, rig: SequenceRig, far_m: float, rng: np.rando
         height = section.ground_height_m.sample(rng)
     else:
         sampled_px = section.ground_disparity_px.sample(rng)
-        check_has_depth(camera, sampled_px, "structures.ground_disparity_px")
         height = float(camera.depth_m(sampled_px)) * ((camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px)
     roll, pitch = np.deg2rad(rng.uniform(-section.ground_tilt_deg, section.ground_tilt_deg, 2))
     across = np.array([np.cos(roll), np.sin(roll), 0.0])
@@ -124,7 +122,6 @@ def _sample_panel(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     curved = bool(rng.random() < section.panel_curved)
     model = CURVED_PANEL if curved else FACE
     disparity_px = section.panel_disparity_px or _farther_half(config, camera)
-    check_has_depth(camera, disparity_px.low, "structures.panel_disparity_px")
     depth = float(camera.depth_m(disparity_px.sample(rng)))
     size = section.panel_size_px.sample_many(rng, 2) * depth / camera.focal_px
     x, y = rng.random(2) * (camera.width_px, camera.height_px) - 0.5
