@@ -1,4 +1,4 @@
-"""Scenes that are easy to draw wrongly; test_truth.py compares each channel of each of them with float64 rays."""
+"""Difficult scenes. test_truth.py compares every channel of each with float64 rays."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,38 +21,38 @@ DEVIATION = CameraDeviation(-0.03, 0.02, -1.7, 0.98)
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with its models, its motions to the next and the previous frame, and how near to rays it must be."""
+    """A scene, its models, its motions to the next and the previous frame, and limits of its errors."""
 
     scene: Scene
     models: Sequence[Mesh]
     future: Motion
     past: Motion
     signed: bool = False  # disparities of 0 and below are valid
-    exact: float = 0.995  # least share of pixels whose disparity is that of their rays
-    seen: float = 0.97  # least share of pixels whose masks are those of their rays
-    thin: bool = False  # surfaces are thinner than a pixel: what no pixel shows cannot be known to hide anything
+    exact: float = 0.995  # smallest share of pixels with the rays' disparity
+    seen: float = 0.97  # smallest share of pixels with the rays' masks
+    thin: bool = False  # some surfaces are thinner than a pixel; if no pixel shows them, the masks miss what they hide
     steep: bool = False  # disparities change by many pixels from pixel to pixel
 
 
-def turned(seed):
-    """A rotation."""
+def rotation(seed):
+    """Return a random rotation."""
     matrix = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     return matrix * np.sign(np.linalg.det(matrix))
 
 
-def placed(turn, scale, at):
-    """A pose of a rotation, scales along the model's axes, and a place."""
+def pose_of(turn, scale, at):
+    """Return the pose of a rotation, scales along the model's axes, and a position."""
     return posed(np.asarray(turn) * np.asarray(scale), at)
 
 
 def flat(name, corners):
-    """A flat quadrangle in x and y, with u and v from 0 to 1."""
+    """Make a quadrangle in the plane z = 0, with u and v from 0 to 1."""
     positions = np.c_[np.asarray(corners, float), np.zeros(4)]
     return make_mesh(name, positions, [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 
 
 def ball(rows=224, columns=224):
-    """A watertight sphere of 100k triangles."""
+    """Make a watertight sphere of 100k triangles."""
     v, u = np.meshgrid(np.linspace(0, np.pi, rows + 1), 2 * np.pi * np.arange(columns) / columns, indexing="ij")
     positions = np.stack([np.sin(v) * np.cos(u), np.cos(v), np.sin(v) * np.sin(u)], -1).reshape(-1, 3)
     i, j = (index.ravel() for index in np.mgrid[:rows, :columns])
@@ -76,7 +76,7 @@ _PYRAMID = make_mesh(
 
 
 def _soup():
-    """Triangles through and behind the camera plane."""
+    """Make random triangles that intersect the camera plane or are behind it."""
     rng = np.random.default_rng(2)
     positions = rng.uniform(-3, 3, (60, 3))
     positions[:, 2] += 0.5
@@ -86,7 +86,7 @@ def _soup():
 
 @cache
 def models():
-    """All models of the hand-made scenes: the square, hard ones, and one of each kind."""
+    """Build the models of the hand-made scenes: difficult ones, and one of each kind."""
     rng = np.random.default_rng(5)
     own = [SQUARE, flat("rod", [(-0.001, -3), (0.001, -3), (0.001, 3), (-0.001, 3)]), _soup(), _DEGENERATE, _PYRAMID]
     return (*own, ball(), *(build(rng) for build in (SIMPLE_KINDS | COMPLEX_KINDS).values()))
@@ -96,17 +96,16 @@ ROD, SOUP, DEGENERATE, PYRAMID, BALL, FIRST_KIND = 1, 2, 3, 4, 5, 6
 
 
 def kind(name):
-    """The number of a kind's model."""
     return FIRST_KIND + list(SIMPLE_KINDS | COMPLEX_KINDS).index(name)
 
 
 def wall(camera, depth_m):
-    """A pose of the square beyond both views."""
+    """Return a pose of the square that covers both views and more."""
     return facing(camera, -2 * camera.width_px, -400, 5 * camera.width_px, 800 + camera.height_px, depth_m)
 
 
 def case(scene, own=None, *, away_m=0.02, turn_rad=0.02, **bounds):
-    """Let each instance and the camera move."""
+    """Make a case in which each instance and the camera move."""
     rng, number = np.random.default_rng(1), len(scene)
     turns = rotations_about(np.tile([0.0, 0.6, 0.8], (number, 1)), rng.uniform(-0.05, 0.05, number))
     moved = scene.world_from_model.copy()
@@ -122,25 +121,25 @@ def case(scene, own=None, *, away_m=0.02, turn_rad=0.02, **bounds):
     return Case(scene, models() if own is None else own, then, before, **bounds)
 
 
-def of(camera, instances, **options):
-    """A scene of numbers of models and their poses, each in the next one of four patches."""
+def scene_of(camera, instances, **options):
+    """Make a scene of pairs of model number and pose; instances use the four patches in turn."""
     number, poses = [list(each) for each in zip(*instances, strict=True)] if instances else ([], [])
     return make_scene(camera, model=number, world_from_model=poses, layer=np.arange(len(number)) % 4, **options)
 
 
 def clutter(seed, camera=CAMERA, *, sky=False, count=18):
-    """A wall, or the sky, and models of many kinds in front of it; each seed has other kinds."""
+    """Make a scene of a wall or sky, and models in front of it; each seed has other kinds of models."""
     rng = np.random.default_rng(seed)
     number = FIRST_KIND + (np.arange(count) + seed * count) % (len(models()) - FIRST_KIND)
     depth = rng.uniform(1.0, 3.0, count)
     at = np.c_[rng.uniform(-0.45, 0.45, count) * depth, rng.uniform(-0.35, 0.35, count) * depth, depth]
-    poses = [placed(turned(seed + k), 0.12 * at[k, 2] * rng.uniform(0.5, 1, 3), at[k]) for k in range(count)]
+    poses = [pose_of(rotation(seed + k), 0.12 * at[k, 2] * rng.uniform(0.5, 1, 3), at[k]) for k in range(count)]
     behind = (0, wall(camera, 4.0))
-    return of(camera, [behind, *zip(number, poses, strict=True)], sky=[sky] + [False] * count, uv_scale=0.7)
+    return scene_of(camera, [behind, *zip(number, poses, strict=True)], sky=[sky] + [False] * count, uv_scale=0.7)
 
 
 def _far_away():
-    """A scene 10^6 m from its origin: float64 keeps 1e-10 m there."""
+    """Move a scene 10^6 m from the origin, where float64 resolves 1e-10 m."""
     shift, here = np.eye(4), clutter(1, count=8)
     shift[:3, 3] = 1e6, 1e6, -1e6
     moved = replace(here, world_from_model=shift @ here.world_from_model, camera_from_world=np.linalg.inv(shift))
@@ -150,37 +149,35 @@ def _far_away():
 def _near_and_far():
     camera = StereoCamera.centred(120, 90, 132.0, 0.05)
     walls = [(0, wall(camera, 10_000.0)), (0, facing(camera, -100, 30, 400, 300, 9_990.0))]
-    return case(of(camera, [*walls, (0, facing(camera, 60, 0, 30, 150, 0.05))], near_m=0.01), away_m=0.001)
+    return case(scene_of(camera, [*walls, (0, facing(camera, 60, 0, 30, 150, 0.05))], near_m=0.01), away_m=0.001)
 
 
 def _rods():
-    """Rods thinner than a pixel."""
     rng, instances = np.random.default_rng(0), [(0, wall(CAMERA, 4.0))]
     for k in range(60):
         turn = rotations_about(np.array([[0.0, 0, 1]]), rng.uniform(0, np.pi, 1))[0]
-        instances.append((ROD, placed(turn, 1.0, [rng.uniform(-0.8, 0.8), rng.uniform(-0.5, 0.5), 1.5 + k / 100])))
-    return case(of(CAMERA, instances), seen=0.92, exact=0.9, thin=True)
+        instances.append((ROD, pose_of(turn, 1.0, [rng.uniform(-0.8, 0.8), rng.uniform(-0.5, 0.5), 1.5 + k / 100])))
+    return case(scene_of(CAMERA, instances), seen=0.92, exact=0.9, thin=True)
 
 
 def _tiny():
-    """Models smaller than a pixel."""
     rng = np.random.default_rng(0)
-    small = [(0, placed(np.eye(3), 1e-3, [*rng.uniform(-0.5, 0.5, 2), 2.0])) for _ in range(1000)]
-    return case(of(CAMERA, [(0, wall(CAMERA, 4.0)), *small]), seen=0.98, exact=0.98, thin=True)
+    small = [(0, pose_of(np.eye(3), 1e-3, [*rng.uniform(-0.5, 0.5, 2), 2.0])) for _ in range(1000)]
+    return case(scene_of(CAMERA, [(0, wall(CAMERA, 4.0)), *small]), seen=0.98, exact=0.98, thin=True)
 
 
 def _mirrored():
-    """Mirrored models, one a thousandth as wide as high, one turned inside out."""
+    """Mirrored models: one extremely flat, one inside out."""
     poses = [
-        (kind("torus"), placed(turned(1), [-0.4, 0.4, 0.4], [-0.3, 0, 2.0])),
-        (kind("mug"), placed(turned(2), [0.3, -0.3, -0.5], [0.4, 0.1, 2.2])),
-        (kind("torus"), placed(turned(3), [1e-3, 0.3, 0.3], [0.0, 0.3, 1.8])),
+        (kind("torus"), pose_of(rotation(1), [-0.4, 0.4, 0.4], [-0.3, 0, 2.0])),
+        (kind("mug"), pose_of(rotation(2), [0.3, -0.3, -0.5], [0.4, 0.1, 2.2])),
+        (kind("torus"), pose_of(rotation(3), [1e-3, 0.3, 0.3], [0.0, 0.3, 1.8])),
     ]
-    return case(of(CAMERA, poses))
+    return case(scene_of(CAMERA, poses))
 
 
 def _edge_on():
-    """A box whose side the right eye sees at such an angle that its disparity changes by 9 px within a pixel."""
+    """The right eye sees the box's side so obliquely that the disparity changes by 9 px within a pixel."""
     camera = StereoCamera(300, 60, 1500.0, 0.2, 400.0, 400.0, 25.0)
     places = [(0.3, 2.0), (-0.3, 2.0), (0.2 - 1.5015 / 2, 3.0)]
     positions = [(x, y, z) for x, z in places for y in (-0.2, 0.2)]
@@ -190,26 +187,26 @@ def _edge_on():
 
 
 def _grazing(turn_deg):
-    """A plane beside the camera's axis, seen from nearly its edge."""
+    """A plane beside the camera's axis, seen nearly edge-on."""
     angle = np.deg2rad(turn_deg)
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1] = (6 * np.cos(angle), 0, 6 * np.sin(angle)), (0, 4, 0)
     pose[:3, 3] = np.array([0.25, -2, 4.0]) - pose[:3, 0] / 2
-    return case(of(CAMERA, [(0, wall(CAMERA, 9.0)), (0, pose)], near_m=0.3), steep=True)
+    return case(scene_of(CAMERA, [(0, wall(CAMERA, 9.0)), (0, pose)], near_m=0.3), steep=True)
 
 
 def _fence(camera):
-    """Pyramids, and spokes narrower than a pixel."""
+    """Pyramids, some of them spokes narrower than a pixel."""
     near = np.array([[0.2, 0.08, 0, 0.15], [-0.12, 0.17, 0, -0.1], [0.02, 0, 0.2, 1.6], [0, 0, 0, 1]])
     board = np.array([[0.003, 0.15, 0, -0.2], [0.25, 0.001, 0, 0.1], [0, 0.1, 0.2, 1.2], [0, 0, 0, 1]])
     spoke = np.array([[0.001, 0.03, 0, -0.35], [0, 0.25, 0, 0], [0, 0.02, 0.001, 1], [0, 0, 0, 1]])
     spokes = [spoke + np.eye(4)[0, :, None] * np.array([0, 0, 0, 0.06 * k]) for k in range(12)]
     slanted = on_plane((0.2, 0.1, 1.0), 4.0, 12.0)
-    return of(camera, [(0, slanted), *((PYRAMID, pose) for pose in (near, board, *spokes))])
+    return scene_of(camera, [(0, slanted), *((PYRAMID, pose) for pose in (near, board, *spokes))])
 
 
 def _sampled(name, recipe, index=5):
-    """A scene of a packaged config at an eighth of its size, with simple models."""
+    """Sample a scene of a packaged config at an eighth of its size, with few models."""
     config = lean(name, models={"complex": 0.3}, textures={"source": "procedural", "max_patches": 4}, **recipe)
     sampler = sampler_of(config, atlas_patches=patches(4))
     return case(sampler.sample(index).scene, sampler.models, thin=True)
@@ -247,36 +244,38 @@ CASES: dict[str, Callable[[], Case]] = {
     "grazing": lambda: _grazing(89.9),
     "grazing from behind": lambda: _grazing(-80.0),
     "edge on": _edge_on,
-    "through the camera plane": lambda: case(of(CAMERA, [(SOUP, np.eye(4))], near_m=0.05), seen=0.97, steep=True),
-    # Where more than two triangles meet at an edge, as duplicates do, a surface is not followed beyond it.
+    "through the camera plane": lambda: case(scene_of(CAMERA, [(SOUP, np.eye(4))], near_m=0.05), seen=0.97, steep=True),
+    # The masks do not trace surfaces across edges of more than two triangles, such as those of duplicates.
     "degenerate triangles": lambda: case(
-        of(CAMERA, [(DEGENERATE, placed(np.eye(3), 1.0, [0, 0, 2.5]))]), seen=0.985, exact=0.99
+        scene_of(CAMERA, [(DEGENERATE, pose_of(np.eye(3), 1.0, [0, 0, 2.5]))]), seen=0.985, exact=0.99
     ),
     "rods": _rods,
     "smaller than a pixel": _tiny,
     "mirrored and flattened": _mirrored,
     "stretched": lambda: case(
-        of(CAMERA, [(kind("mug"), placed(np.eye(3), [1e3, 1e-3, 1e3], [0, 0.3, 2.0]))], near_m=0.1), exact=0.97
+        scene_of(CAMERA, [(kind("mug"), pose_of(np.eye(3), [1e3, 1e-3, 1e3], [0, 0.3, 2.0]))], near_m=0.1), exact=0.97
     ),
     "fine ball": lambda: case(
-        of(CAMERA, [(0, wall(CAMERA, 9.0)), (BALL, placed(turned(1), 0.4, [0.05, 0, 2.0]))]), exact=0.99
+        scene_of(CAMERA, [(0, wall(CAMERA, 9.0)), (BALL, pose_of(rotation(1), 0.4, [0.05, 0, 2.0]))]), exact=0.99
     ),
-    # Dozens of triangles lie across a pixel of a small ball.
+    # A pixel of a small ball contains dozens of triangles.
     "fine balls": lambda: case(
-        of(CAMERA, [(0, wall(CAMERA, 4.0)), *((BALL, placed(turned(k), size, at)) for k, (size, *at) in _BALLS)]),
+        scene_of(
+            CAMERA, [(0, wall(CAMERA, 4.0)), *((BALL, pose_of(rotation(k), size, at)) for k, (size, *at) in _BALLS)]
+        ),
         seen=0.9995,
     ),
-    "parallel, near first": lambda: case(of(CAMERA, [(0, wall(CAMERA, d)) for d in (2.0, 2.0 * (1 + 1e-5))])),
-    "parallel, far first": lambda: case(of(CAMERA, [(0, wall(CAMERA, d)) for d in (2.0 * (1 + 1e-5), 2.0)])),
-    "coplanar": lambda: case(of(CAMERA, [(0, placed(turned(4), 3.0, [-0.6, -0.4, 3.0]))] * 3)),
+    "parallel, near first": lambda: case(scene_of(CAMERA, [(0, wall(CAMERA, d)) for d in (2.0, 2.0 * (1 + 1e-5))])),
+    "parallel, far first": lambda: case(scene_of(CAMERA, [(0, wall(CAMERA, d)) for d in (2.0 * (1 + 1e-5), 2.0)])),
+    "coplanar": lambda: case(scene_of(CAMERA, [(0, pose_of(rotation(4), 3.0, [-0.6, -0.4, 3.0]))] * 3)),
     "singular": lambda: case(
-        of(CAMERA, [(0, wall(CAMERA, 4.0) @ np.diag([1.0, 1, 0, 1])), (0, posed(np.zeros((3, 3)), (0, 0, 2)))])
+        scene_of(CAMERA, [(0, wall(CAMERA, 4.0) @ np.diag([1.0, 1, 0, 1])), (0, posed(np.zeros((3, 3)), (0, 0, 2)))])
     ),
-    "disparity wider than the image": lambda: case(of(_SMALL, [(0, wall(_SMALL, 2.0))])),
-    "no baseline": lambda: case(of(_with(baseline_m=0.0), [(0, wall(CAMERA, 2.0))])),
-    "17 x 3 px": lambda: case(of(_NARROW, [(0, on_plane((0.3, 0.2, 1.0), 2.0, 9.0))])),
-    "nothing": lambda: case(of(CAMERA, [])),
-    "behind": lambda: case(of(CAMERA, [(0, facing(CAMERA, 0, 0, 33, 21, -2.0))])),
+    "disparity wider than the image": lambda: case(scene_of(_SMALL, [(0, wall(_SMALL, 2.0))])),
+    "no baseline": lambda: case(scene_of(_with(baseline_m=0.0), [(0, wall(CAMERA, 2.0))])),
+    "17 x 3 px": lambda: case(scene_of(_NARROW, [(0, on_plane((0.3, 0.2, 1.0), 2.0, 9.0))])),
+    "nothing": lambda: case(scene_of(CAMERA, [])),
+    "behind": lambda: case(scene_of(CAMERA, [(0, facing(CAMERA, 0, 0, 33, 21, -2.0))])),
     "room": lambda: _sampled("middlebury", _ROOM),
     "street": lambda: _sampled("kitti", _STREET),
     "still life": lambda: _sampled("middlebury", {"structures": {"ground": 1.0, "panels": [1, 3]}}, 0),

@@ -1,4 +1,4 @@
-"""`antialias: edges`: outlines beside the mean of 64 samples a pixel, all else as without antialiasing."""
+"""`antialias: edges`: outlines approach 64 samples per pixel, and other pixels do not change."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from semisynth_gl.scene.scene import make_scene
 
 pytestmark = pytest.mark.one_backend
 CAMERA = replace(StereoCamera.centred(160, 120, 200.0, 0.05), fy_over_fx=1.2)
-# Patches of one colour each.
+# Each patch has one colour.
 FLAT = np.full((4, 16, 16, 4), 255, np.uint8)
 FLAT[:, ..., :3] = np.array([[20, 30, 40], [220, 60, 20], [40, 200, 90], [90, 120, 250]])[:, None, None]
 WALL = facing(CAMERA, -200, -200, 700, 700, 8.0)
@@ -24,7 +24,7 @@ TURN = np.array([[0.8, -0.6, 0], [0.36, 0.48, -0.8], [0.48, 0.64, 0.6]])
 
 
 def polygon(points, *, depth_m=2.0):
-    """A flat triangle or a fan of them: corners in pixels of the left view."""
+    """Make a flat, convex polygon from its corners in pixels of the left view."""
     centre, focal = (CAMERA.cx_left_px, CAMERA.cy_px), (CAMERA.focal_px, CAMERA.focal_y_px)
     corners = (np.asarray(points, float) - centre) * depth_m / focal
     fan = [(0, k, k + 1) for k in range(1, len(corners) - 1)]
@@ -32,15 +32,15 @@ def polygon(points, *, depth_m=2.0):
 
 
 def rod(start, stop, width_px, **depth):
-    """A strip between two points."""
+    """Make a strip between two points."""
     start, stop = np.asarray(start, float), np.asarray(stop, float)
     along = (stop - start) / np.linalg.norm(stop - start)
     aside = np.array([-along[1], along[0]]) * width_px / 2
     return polygon([start + aside, stop + aside, stop - aside, start - aside], **depth)
 
 
-def drawn(open_renderer, scenes, mode):
-    """Draw scenes of shapes before a wall, each shape with a patch of its own; return both eyes' images."""
+def rendered(open_renderer, scenes, mode):
+    """Render scenes of shapes in front of a wall, each shape with another patch; return both eyes' images."""
     shapes = [shape for own in scenes.values() for shape in own]
     images, first = {}, 1
     renderer = open_renderer([SQUARE, *shapes], FLAT, antialias=mode, outputs=())
@@ -70,7 +70,7 @@ def error(images, reference):
     return float(((images - reference) ** 2).mean())
 
 
-# What is left of the error without antialiasing.
+# Shapes, and the limit of their error relative to the error without antialiasing.
 SHAPES = {
     "a triangle": (0.005, [polygon([(20.3, 15.2), (140.8, 40.7), (60.1, 105.4)])]),
     "nearly upright": (0.01, [rod((60.2, -20), (71.9, 150), 30.0)]),
@@ -94,17 +94,17 @@ SHAPES = {
 
 def test_outlines_come_near_to_many_samples(open_renderer):
     scenes = {name: shapes for name, (_, shapes) in SHAPES.items()}
-    none, edges, many = (drawn(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
+    none, edges, many = (rendered(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
     for name, (left, _) in SHAPES.items():
         assert error(none[name], many[name]) > 10, name
         assert error(edges[name], many[name]) < left * error(none[name], many[name]), name
-        # Each sample that falls on the other side moves a pixel by 3: 8 x 8 samples are no more exact than this.
+        # One of the 8 x 8 samples changes a pixel by 3 levels, so the reference is no more exact than 6 levels.
         assert np.quantile(np.abs(edges[name] - many[name]), 0.98) <= 6, name
     assert len(np.unique(edges["nearly upright"][..., 0])) > 64
 
 
 def covered(angle, offset_px):
-    """The share of each pixel that lies below a line through (80, 60 + offset), (H, W)."""
+    """Return the share of each pixel below a line through (80, 60 + offset), (H, W)."""
     (across, down), fine = (-np.sin(angle), np.cos(angle)), (np.arange(64) + 0.5) / 64 - 0.5
     columns = np.arange(160)[:, None] + fine
     begin = 60 + offset_px - across * (columns - 80) / down
@@ -143,13 +143,13 @@ def test_outlines_of_curved_surfaces_come_near_to_many_samples_too(open_renderer
 
 @pytest.mark.parametrize("large", [False, True])
 def test_beyond_an_edge_goes_on_what_the_patch_shows_there(open_renderer, large):
-    """Not the mean of the patch, nor another patch, nor one of the other atlas."""
+    """Pixels at the edge mix the patch's own colours, not its mean, another patch or the other atlas."""
     left, right = np.array([200, 40, 90]), np.array([10, 120, 250])
     others, patches = np.zeros((2, 64, 64, 4), np.uint8), np.full((2, 64, 64, 4), 250, np.uint8)
     others[1, ..., :3], patches[0, :, :32, :3], patches[0, :, 32:, :3] = (240, 240, 0), left, right
     atlases = (others, patches) if large else (np.concatenate([others, patches]), None)
     renderer = open_renderer([SQUARE], atlases[0], large_layers=atlases[1], antialias="edges", outputs=())
-    # Two fifths of column 29 and three fifths of column 93.
+    # The square covers two fifths of column 29 and three fifths of column 93.
     placed = facing(CAMERA, 29.6, 19.6, 64, 64, 2.0)
     image = renderer.render(make_scene(CAMERA, model=[0, 0], world_from_model=[WALL, placed], layer=[0, 2])).left.image
     shares = np.array([0, 0.4, 1, 1, 0.6, 0])[:, None]
@@ -165,12 +165,12 @@ def test_rods_thinner_than_a_pixel_are_whole(open_renderer):
         for width_px in (0.1, 0.2, 0.4, 0.55, 0.7, 0.9)
         for lean in (0.13, 0.37, 1.0)
     }
-    none, edges, many = (drawn(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
+    none, edges, many = (rendered(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
     wall = FLAT[0, 0, 0, :3]
     for (width_px, lean), reference in many.items():
         shown, true = (np.abs(images[width_px, lean] - wall).sum(axis=-1) for images in (edges, many))
         case = f"{width_px} px, {lean}"
-        # No gap in any row, and as much of it as there is; what is thinner than a third of a pixel is too strong.
+        # The rod has no gap in any row, and its true total brightness; rods below a third of a pixel are too bright.
         assert (shown[:, 12:108].max(axis=-1) > 8).all(), case
         most = 1.2 if width_px > 0.3 else 2.6
         assert 0.9 < shown.sum() / true.sum() < most, case
@@ -180,7 +180,9 @@ def test_rods_thinner_than_a_pixel_are_whole(open_renderer):
 
 def test_what_the_near_plane_cuts_is_smooth_too(open_renderer):
     floor = make_mesh("floor", [[-1, 0.45, -1], [1, 0.45, -1], [0.2, 0.45, 6]], np.zeros((3, 2)), [[0, 1, 2]])
-    none, edges, many = (drawn(open_renderer, {"floor": [floor]}, mode)["floor"] for mode in ("none", "edges", "ssaa8"))
+    none, edges, many = (
+        rendered(open_renderer, {"floor": [floor]}, mode)["floor"] for mode in ("none", "edges", "ssaa8")
+    )
     assert error(edges, many) < 0.02 * error(none, many)
 
 
@@ -189,10 +191,10 @@ def test_outlines_of_many_instances_are_those_of_each(monkeypatch):
     places = np.tile(np.eye(4), (7, 1, 1))
     places[:, :3, 3] = np.random.default_rng(1).uniform([-1, -1, 4], [1, 1, 9], (7, 3))
     together = outlines(mesh, places)
-    # Two instances at once, of seven.
+    # Process only a few of the seven instances at once.
     monkeypatch.setattr("semisynth_gl.render.outlines._MOST_AT_ONCE", 3 * len(mesh.triangles))
     np.testing.assert_array_equal(outlines(mesh, places), together)
-    # Far ones first.
+    # The finder returns far instances first.
     seen = together[np.sort(np.unique(together[:, 0], return_index=True)[1]), 0]
     assert list(seen) == list(np.argsort(-places[:, 2, 3]))
 
@@ -209,7 +211,7 @@ def test_of_a_solid_no_edge_is_outlined_that_its_own_front_hides():
 
 
 def test_outlines_are_alike_where_vertices_are_repeated(open_renderer):
-    """Masks look up triangles by their last corner, and for that vertices stand in another order and several times."""
+    """For masks, the renderer reorders and repeats vertices, since masks find triangles by their last corner."""
     rng = np.random.default_rng(0)
     models = [build(rng) for build in (SIMPLE_KINDS["torus"], COMPLEX_KINDS["chair"], SIMPLE_KINDS["sphere"])]
     places = np.tile(np.eye(4), (3, 1, 1))

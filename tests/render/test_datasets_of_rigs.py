@@ -1,4 +1,4 @@
-"""Datasets of cameras that deviate, of several baselines, lenses, skies, signed disparities and projectors, on disk."""
+"""Datasets with deviating cameras, several baselines, lenses, skies, signed disparities and projectors."""
 
 import json
 from dataclasses import replace
@@ -43,7 +43,7 @@ def twin(**imperfections):
 
 def real_rig():
     small = ["scale=0.2", "textures.source=procedural", "textures.max_patches=8", "textures.large_px=0"]
-    # Dots no smaller than the pixels of so small images.
+    # Dots at least as large as a pixel of these small images.
     few = ["models.complex=0", "models.variants=1", "projector.size_px=12"]
     return load_config(ROOT / "examples" / "real-rig.yaml", [*small, *few])
 
@@ -65,7 +65,7 @@ KINDS = {
     "fx != fy, lens": (lambda: with_lens(**RATIO, outputs=["visibility", "valid", "raw", "raw_map"]), "middlebury"),
     "signed, sky": (lambda: open_scenes(6.5, 1.0, outputs=OF_SKY, more=MOVING), "webdataset"),
     "sky": (lambda: open_scenes(0.0, 1.0, signed=False, outputs=("sky", "normals")), "webdataset"),
-    # What has no output to tell where the sky is cannot be judged there.
+    # No output marks the sky, so verify cannot check it.
     "untold sky": (lambda: open_scenes(0.0, 1.0, signed=False, outputs=("normals",)), "middlebury"),
     "real rig": (real_rig, "middlebury"),
 }
@@ -87,7 +87,7 @@ def test_datasets_are_what_was_drawn_and_nothing_is_found(tmp_path, kind):
             assert pair.camera == made.frame.camera
             assert pair.provenance == json.loads(json.dumps(made.provenance)) | pair.provenance
             for role, array in made.frame.arrays().items():
-                if role in pair.arrays() and layout not in ("kitti", "crestereo"):  # which round
+                if role in pair.arrays() and layout not in ("kitti", "crestereo"):  # which round disparities
                     np.testing.assert_array_equal(pair.arrays()[role], array, err_msg=role)
                 elif role.startswith("disparity"):
                     atol = pair.encodings.disparity.error_px
@@ -145,7 +145,7 @@ def test_a_wrong_fy_is_found(tmp_path):
     assert text.count(fy) == 2
     calib.write_text(text.replace(fy, repr(131.25 * 1.021)))
     assert checks(tmp_path / "out") == {"calib"}
-    # Where both are wrong, the config's scene has another camera.
+    # If both agree on a wrong value, only the rays into the config's scene find it.
     change_json(record, lambda pair: pair["camera"].update(fy_over_fx=1.021))
     assert checks(tmp_path / "out") == set()
     assert checks(tmp_path / "out", rays=50) == {"oracle"}
@@ -190,7 +190,7 @@ def test_signed_datasets_are_evaluated_beyond_0(tmp_path):
 
 
 def test_a_run_that_ends_within_a_scene_goes_on_there_and_left_views_are_the_same_files(tmp_path):
-    """Three baselines; a shard of four pairs ends within a scene, too."""
+    """With three baselines and four pairs per shard, shards end within a scene too."""
     config = several(sequence={"length": 2, "frame_s": 0.1}, outputs=["visibility", "depth", "flow"])
     whole, options = tmp_path / "whole", {"layout": "sceneflow", "shard_pairs": 4}
     generate(config, whole, 8, SEED, **options)

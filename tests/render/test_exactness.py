@@ -1,4 +1,4 @@
-"""What the renderer claims, against equations: planes, spheres, sizes, and who hides whom."""
+"""The renderer compared with equations: planes, spheres, image sizes, and occlusion."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ CAMERAS = {
 
 
 def rotation(deviation):
-    """About z, then about x, both right-handed, written down axis by axis."""
+    """Rotate about z, then about x, both right-handed."""
     roll, pitch = deviation.roll_rad, deviation.pitch_rad
     about_z = [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]]
     about_x = [[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]]
@@ -38,7 +38,7 @@ def rotation(deviation):
 
 
 def lens(camera, eye):
-    """The rotation, focal lengths, principal point and place of an eye."""
+    """Return rotation, focal lengths, principal point and x position of an eye."""
     if eye == "left":
         return np.eye(3), camera.focal_px * np.array([1, camera.fy_over_fx]), (camera.cx_left_px, camera.cy_px), 0.0
     deviation = camera.deviation
@@ -47,14 +47,14 @@ def lens(camera, eye):
 
 
 def project(camera, eye, points):
-    """Pixel positions (..., 2) and depths of points in the left camera's frame, by K R (X - B)."""
+    """Project points in the left camera's frame by K R (X - B); return pixel positions (..., 2) and depths."""
     turn, focal, centre, x_m = lens(camera, eye)
     seen = (points - (x_m, 0, 0)) @ turn.T
     return focal * seen[..., :2] / seen[..., 2:] + centre, seen[..., 2]
 
 
 def on_rays(camera, eye, normal, distance):
-    """Points (H, W, 3) of a plane that an eye sees, in the left camera's frame."""
+    """Return the points (H, W, 3) of a plane that an eye's pixels see, in the left camera's frame."""
     turn, focal, centre, x_m = lens(camera, eye)
     y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
     rays = np.stack([(x - centre[0]) / focal[0], (y - centre[1]) / focal[1], np.ones_like(x)], -1) @ turn
@@ -88,7 +88,7 @@ def test_planes_have_their_analytic_truth(open_renderer, camera):
             np.testing.assert_allclose(view.normals[seen], np.broadcast_to(unit, (seen.sum(), 3)), atol=1e-6)
 
 
-# GPUs move corners of triangles before they interpolate. The processor's driver does not, so the vertex shader does it.
+# GPUs round corners to a subpixel grid before they interpolate; llvmpipe does not, so the vertex shader simulates it.
 STEPS = 256
 MOVE = f"""
     if (gl_Position.w > 0.0) {{
@@ -102,15 +102,15 @@ MOVE = f"""
 
 
 @pytest.fixture
-def draw_moved(open_renderer, monkeypatch):
-    """Draw squares through a driver that moves corners, corrected or not."""
+def render_moved(open_renderer, monkeypatch):
+    """Return a function that renders a square with rounded corners, with or without our correction."""
     original = programs.shader_source
 
     def source(name, defines=None):
         text = original(name, defines)
         return text.rstrip().removesuffix("}") + MOVE if name == "mesh.vert" else text
 
-    def draw(pose, camera, *, corrected=True, shared=False):
+    def render(pose, camera, *, corrected=True, shared=False):
         monkeypatch.setattr(programs, "shader_source", source)
         monkeypatch.setattr(GraphicsContext, "corner_steps", STEPS if corrected else None)
         scene, rectified = one_model(camera, [pose]), camera.rectified
@@ -119,22 +119,22 @@ def draw_moved(open_renderer, monkeypatch):
             return renderer.render_rig(scene, [camera, replace(camera, baseline_m=camera.baseline_m / 2)])[0]
         return renderer.render(scene)
 
-    return draw
+    return render
 
 
-# Slopes of planes, and half the sides of squares on them before the camera: GPUs clip before they move corners.
+# Two slopes, and half the side of a square. The squares are in front of the camera, since GPUs clip before they round.
 PLANES = ((0.5, 0, 2.013), (-0.8, 0.3, 1.613), (0.2, -2.5, 0.613))
 
 
 @pytest.mark.parametrize(
     "deviation", [CameraDeviation(), CameraDeviation(0.01, -0.01, 3.0, 1.1)], ids=["rectified", "deviating"]
 )
-def test_planes_are_as_exact_where_corners_move(draw_moved, deviation):
+def test_planes_are_as_exact_where_corners_move(render_moved, deviation):
     camera = StereoCamera(320, 240, 450.0, 0.25, 160.1, 188.4, 115.7, deviation)
     for *slope, half_m in PLANES:
         normal, errors = np.array([*slope, 1]), {}
         for corrected in (False, True):
-            frame = draw_moved(on_plane(normal, 2.0, half_m), camera, corrected=corrected)
+            frame = render_moved(on_plane(normal, 2.0, half_m), camera, corrected=corrected)
             for eye in EYES:
                 depth = project(camera, eye, on_rays(camera, eye, normal, 2.0))[1]
                 known = np.isfinite(frame.view(eye).depth) & (depth > 0.3) & (depth < 7)
@@ -147,14 +147,14 @@ def test_planes_are_as_exact_where_corners_move(draw_moved, deviation):
         assert np.quantile(exact, 0.999) < 1e-4
 
 
-def test_where_corners_move_left_views_are_shared_and_nothing_lies_beyond_the_horizon(draw_moved):
+def test_where_corners_move_left_views_are_shared_and_nothing_lies_beyond_the_horizon(render_moved):
     camera, pose = replace(PLAIN, cy_px=57.7), on_plane((-0.8, 0.3, 1), 2.0, 1.613)
-    assert_equal(draw_moved(pose, camera, shared=True), draw_moved(pose, camera))
+    assert_equal(render_moved(pose, camera, shared=True), render_moved(pose, camera))
     ground = np.eye(4)
     ground[:3] = [[2e8, 0, 0, -1e8], [0, 0, 1, 1.5], [0, 1e8, 0, 0.5]]
-    # The horizon passes a pixel's centre by less than corners move.
+    # The horizon is closer to a pixel's centre than the rounding of corners.
     for horizon_px in (57.9985, 57.9995, 58.0, 58.0005, 58.0015):
-        frame = draw_moved(ground, replace(PLAIN, cy_px=horizon_px))
+        frame = render_moved(ground, replace(PLAIN, cy_px=horizon_px))
         for eye in EYES:
             assert np.isfinite(frame.view(eye).depth).any()
             assert (frame.view(eye).depth > 0).all()
@@ -164,7 +164,7 @@ def test_where_corners_move_left_views_are_shared_and_nothing_lies_beyond_the_ho
 def test_image_sizes(open_renderer, size):
     width, height = size
     camera = StereoCamera.centred(width, height, 0.9 * max(width, 8), 0.1)
-    # A plane that slopes in both directions, so that a wrong row length shows.
+    # The plane slopes in both directions, so that a wrong row length changes the result.
     normal, renderer = np.array([0.1, 0.05, 1.0]), open_renderer([SQUARE], noise_layers(1, 64), outputs=())
     frame = renderer.render(one_model(camera, [on_plane(normal, 2.0, 9.0)]))
     step = max(1, height // 200)
@@ -174,7 +174,7 @@ def test_image_sizes(open_renderer, size):
     np.testing.assert_allclose(frame.left.disparity[::step, ::step], camera.disparity_px(depth), rtol=3e-6)
 
 
-# Masks, on paper: f B = 10 px m.
+# Masks that can be computed by hand: f B = 10 px m.
 PAPER = StereoCamera.centred(200, 4, 100.0, 0.1, doffs_px=20.0)
 FLAT = replace(PAPER, cx_left_px=99.5, cx_right_px=99.5)
 
@@ -184,7 +184,7 @@ FLAT = replace(PAPER, cx_left_px=99.5, cx_right_px=99.5)
     [(False, 5.0, 20.0, 60.25, 140.25), (True, -12.0, -5.0, 60.25, 80.25), (True, -3.0, 4.0, 60.25, 80.25)],
 )
 def test_a_board_hides_what_paper_says(open_renderer, signed, wall_px, board_px, first_px, last_px):
-    """The board's edges are at ``first_px`` and ``last_px`` on the right."""
+    """The board's edges are at ``first_px`` and ``last_px`` in the right view."""
     camera = PAPER if signed else FLAT
     scene = one_model(camera, [board(camera, -100, 500, wall_px), board(camera, first_px, last_px, board_px)])
     frame = open_renderer([SQUARE], noise_layers(1, 16), signed=signed).render(scene)
@@ -205,10 +205,10 @@ def test_a_board_hides_what_paper_says(open_renderer, signed, wall_px, board_px,
 @pytest.mark.parametrize(
     ("x", "boards", "expected"),
     [
-        # The wall's pixel 105 is at 100.5 on the right, in a gap between two boards or not.
+        # The wall's pixel 105 is at 100.5 in the right view, in a gap between two boards or behind one.
         *((105, ((-100, 300, 4.5), (96, a, 10.5), (b, 130, 12.5)), mask)
           for a, b, mask in ((100.3, 100.7, VISIBLE), (100.6, 100.9, OCCLUDED))),
-        # Pixel 95 is at 89.1, where disparities between pixels 89 and 90 hardly differ.
+        # Pixel 95 is at 89.1 in the right view. A board begins at 89.05 or 89.15, with a small or a large step.
         *((95, ((-100, 300, 5.9), (edge, 140, 5.9 + step)), mask)
           for edge, mask in ((89.05, OCCLUDED), (89.15, VISIBLE)) for step in (0.26, 3.0)),
     ],
@@ -222,10 +222,10 @@ def test_masks_know_what_lies_between_pixels(open_renderer, x, boards, expected)
 
 @pytest.mark.parametrize("begin", np.linspace(20.05, 20.95, 7))
 def test_an_edge_of_many_small_triangles_hides_from_where_it_lies(open_renderer, begin):
-    # An odd number of rows keeps edges off the line on which the surface is traced.
+    # With an odd number of rows, no edge of the mesh is on the scan line.
     u, v, triangles = mesh_grid(201, 200)
     fine = make_mesh("fine", np.stack([u, v, 0 * u], axis=1), np.stack([u, v], axis=1), triangles)
-    # In an image of one row, no surface above or below the point decides.
+    # In an image of one row, only this row decides about the point.
     camera = StereoCamera.centred(96, 1, 100.0, 1.0)
     far_px, near_px, end = 5.3, 20.0, 41.0
     wall = facing(camera, -200, -200, 600, 500, 100.0 / far_px)

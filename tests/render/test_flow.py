@@ -1,4 +1,4 @@
-"""Optical flow and change of disparity where points are hidden, gone or flat, and the motion of sequences."""
+"""Optical flow and change of disparity where points are hidden or gone, and the motion of sequences."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ METRE = 1.0 / CAMERA.focal_px
 
 
 def moving():
-    """A small config with much motion: the camera's, and falling, drifting, spinning models."""
+    """Make a small config with a moving camera, and falling, drifting and spinning models."""
     config = lean(sequence={"length": 3, "frame_s": 0.1}, camera={"sway_m": [0.02, 0.1], "sway_deg": 2.0})
     return config.model_copy(update={"outputs": ("visibility", *MOTION_OUTPUTS)})
 
@@ -36,25 +36,25 @@ def shifted(matrix, x=0.0, y=0.0, z=0.0):
 
 
 @pytest.fixture
-def draw(open_renderer):
-    """Draw squares, and where they are next."""
+def render(open_renderer):
+    """Return a function that renders squares with their flow to the next poses."""
     renderer = open_renderer([SQUARE], noise_layers(1, 64), outputs=MOTION_OUTPUTS)
 
-    def drawn(now, then, *, near_m=0.01, instance=None):
+    def rendered(now, then, *, near_m=0.01, instance=None):
         current = one_model(CAMERA, now, near_m=near_m)
         motion = move(current, world_from_model=then)
         if instance is not None:
             motion = replace(motion, instance=np.array(instance))
         return renderer.render(current, future=motion, past=motion)
 
-    return drawn
+    return rendered
 
 
 @pytest.mark.one_backend
-def test_what_is_hidden_gone_or_outside_then_is_marked(draw):
+def test_what_is_hidden_gone_or_outside_then_is_marked(render):
     where = np.s_
     for then, instance, marks in (
-        # The card is seen on where it hides the wall.
+        # The card stays visible and hides part of the wall.
         (shifted(CARD, 30 * METRE, 15 * METRE), None, [(where[55:105, 80:140], OCCLUDED), (ON_CARD, VISIBLE)]),
         # The card's right half leaves the image.
         (shifted(CARD, 120 * METRE), None, [(where[40:90, 170:], OCCLUDED), (where[40:90, 80:110], OUTSIDE)]),
@@ -63,26 +63,26 @@ def test_what_is_hidden_gone_or_outside_then_is_marked(draw):
         expected = np.full((150, 200), VISIBLE)
         for place, mark in marks:
             expected[place] = mark
-        frame = draw([WALL, CARD], [WALL, then], instance=instance)
+        frame = render([WALL, CARD], [WALL, then], instance=instance)
         np.testing.assert_array_equal(frame.left.flow_visibility, expected)
         np.testing.assert_array_equal(frame.left.flow_backward_visibility, expected)
 
 
 @pytest.mark.one_backend
-def test_points_that_are_behind_or_nowhere_have_no_flow(draw):
+def test_points_that_are_behind_or_nowhere_have_no_flow(render):
     nothing = np.ones((150, 200), bool)
     nothing[ON_CARD] = False
-    alone = draw([CARD], [shifted(CARD, x=0.05)])
+    alone = render([CARD], [shifted(CARD, x=0.05)])
     np.testing.assert_allclose(alone.left.flow[~nothing], [[11.0, 0.0]] * 3000, atol=1e-5)
-    behind = [draw([WALL, CARD], [WALL, shifted(CARD, z=depth - 1.0)], near_m=0.5) for depth in (0.4, -1.0)]
+    behind = [render([WALL, CARD], [WALL, shifted(CARD, z=depth - 1.0)], near_m=0.5) for depth in (0.4, -1.0)]
     for frame, invalid in ((alone, nothing), *((each, ~nothing) for each in behind)):
         assert np.isposinf(frame.left.flow[invalid]).all()
         assert np.isposinf(frame.left.disparity_change[invalid]).all()
         assert (frame.left.flow_visibility[invalid] == OUTSIDE).all()
         assert np.isfinite(frame.left.flow[~invalid]).all()
-    # f B = 44 px m and doffs = 8 px: beyond 5.5 m there is no disparity.
+    # f B = 44 px m and doffs = 8 px, so points beyond 5.5 m have no disparity.
     near, far = facing(CAMERA, 0, 0, 100, 150, 5.0), facing(CAMERA, 100, 0, 100, 150, 6.0)
-    frame = draw([near, far], [shifted(near, z=1.0), shifted(far, z=-1.0)])
+    frame = render([near, far], [shifted(near, z=1.0), shifted(far, z=-1.0)])
     assert np.isposinf(frame.left.disparity_change).all()
     assert np.isfinite(frame.left.flow).all()
 
@@ -124,7 +124,7 @@ def test_a_motion_leads_to_the_frame_that_is_rendered_next():
         assert there.mean() > 0.5
         moved = then.scene.world_from_model[motion.instance[there]]
         np.testing.assert_allclose(motion.world_from_model[there], moved, atol=1e-12)
-        # The same model in the same texture, at the same place of it: nothing slides over a surface.
+        # The model keeps its texture and UV, so that no texture slides over a surface.
         for name in ("model", "layer", "uv_scale", "uv_offset"):
             one, other = getattr(sampled.scene, name)[there], getattr(then.scene, name)[motion.instance[there]]
             np.testing.assert_allclose(one, other, rtol=1e-12, err_msg=name)
@@ -136,11 +136,11 @@ def test_motion_goes_on_beyond_both_ends_of_a_sequence():
     for sampled, motion, down in ((first, first.motion(-1), -1), (last, last.motion(+1), 1)):
         still = sampled.instances["slot"] < 0
         np.testing.assert_array_equal(motion.world_from_model[still], sampled.scene.world_from_model[still])
-        # Models fall: a moment earlier they were higher, though they may not have been released.
+        # Models fall, so earlier they were higher, even before their release.
         lower = motion.world_from_model[~still, 1, 3] - sampled.scene.world_from_model[~still, 1, 3]
         assert (down * lower > 0).all()
     far = [first.motion(-step) for step in (400, 900)]
-    # Long before time 0 other models were there, as many, and not the same every time.
+    # Long before time 0, as many other models were there, and different ones at different times.
     assert (far[0].instance[first.instances["slot"] >= 0] == -1).all()
     assert len(far[0].scene) > 0.5 * len(first.scene)
     one, other = (motion.scene.model[int((first.instances["slot"] < 0).sum()) :] for motion in far)
@@ -165,7 +165,7 @@ def test_a_sway_is_smooth_bounded_and_comes_back():
     assert 0.1 < np.linalg.norm(place, axis=1).max() <= sway.reach_m + 1e-12
     angle = np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1))
     assert np.deg2rad(1) < angle.max() <= sway.angle_rad + 1e-9
-    # Speeds are those of a sine of that amplitude and period.
+    # The speed is at most that of a sine with this amplitude and period.
     assert np.abs(np.diff(place, axis=0)).max() <= 1.001 * np.pi * sway.shift_m.max() * (times[1] - times[0])
     np.testing.assert_array_equal(NO_SWAY.camera_from_world(3.3), np.eye(4))
 

@@ -1,4 +1,4 @@
-"""Which EGL device a GPU is that the user names by CUDA's number."""
+"""From CUDA's number of a GPU to its EGL device."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render import devices
 from semisynth_gl.render.devices import EglDevice, egl_devices, egl_index_of_gpu, egl_index_of_worker, query_devices
 
-# EGL's order differs from CUDA's, and the last device is no GPU.
+# EGL orders devices differently than CUDA, and the last device is no GPU.
 DEVICES = (
     EglDevice(0, software=False, cuda=2, uuid="GPU-2c111111-0000-0000-0000-000000000000"),
     EglDevice(1, software=False, cuda=0, uuid="GPU-0a111111-0000-0000-0000-000000000000"),

@@ -1,4 +1,4 @@
-"""Colour: patches at one texel per pixel bit for bit, their smaller levels, and detail at grazing angles."""
+"""Colour: exact texels at one texel per pixel, mipmaps, and detail at grazing angles."""
 
 import itertools
 from functools import partial
@@ -44,7 +44,7 @@ def test_patches_from_one_texel_to_8192(open_renderer, side):
     layers = np.full((1, side, side, 4), 255, np.uint8)
     layers[0, :, :, 0] = (np.arange(side) % 251).astype(np.uint8)
     camera = StereoCamera.centred(300, 20, 300.0, 0.1)
-    # One texel per pixel, beginning in the middle of the patch.
+    # One texel per pixel, from the middle of the patch on.
     begin = side // 2
     matrix = facing(camera, -begin, -begin, side, side, 2.0) if side > 1 else wall(camera, 2.0)
     frame = open_renderer([SQUARE], layers).render(one_model(camera, [matrix]))
@@ -56,10 +56,10 @@ def test_patches_from_one_texel_to_8192(open_renderer, side):
 def test_large_patches_are_counted_behind_the_others_and_come_out_bit_for_bit(open_renderer, antialias):
     camera = StereoCamera.centred(120, 80, 700.0, 0.05)
     layers, large = noise_layers(3, SIDE), noise_layers(2, 4 * SIDE, seed=1)
-    draw = partial(open_renderer, [SQUARE], antialias=antialias)
-    renderer = draw(layers, large_layers=large, large_anisotropy=4)
+    make_renderer = partial(open_renderer, [SQUARE], antialias=antialias)
+    renderer = make_renderer(layers, large_layers=large, large_anisotropy=4)
     whole, part = facing(camera, 0, 0, 4 * SIDE, 4 * SIDE, 5.0), facing(camera, 40, 20, SIDE, SIDE, 2.0)
-    # The large patch is drawn last, though it stands first; what is nearer hides it.
+    # The renderer draws the large patch last, although it is the first instance; the nearer square hides it.
     scene = make_scene(camera, model=[0, 0], world_from_model=[whole, part], layer=[4, 1])
     inside = np.ones((80, 120), bool)
     shown = large[1][:80, :120, :3].copy()
@@ -67,7 +67,7 @@ def test_large_patches_are_counted_behind_the_others_and_come_out_bit_for_bit(op
     if antialias != "none":
         inside[18:, 38:42] = inside[18:, 102:106] = inside[18:22, 38:106] = False
         behind, before = (
-            draw(patches).render(make_scene(camera, model=[0], world_from_model=[pose], layer=[1])).left
+            make_renderer(patches).render(make_scene(camera, model=[0], world_from_model=[pose], layer=[1])).left
             for patches, pose in ((large, whole), (layers, part))
         )
         shown = np.where(np.isfinite(before.disparity)[..., None], before.image, behind.image)
@@ -77,25 +77,25 @@ def test_large_patches_are_counted_behind_the_others_and_come_out_bit_for_bit(op
 
 
 def test_anisotropy_keeps_detail_at_grazing_angles(open_renderer):
-    """Against a supersampled reference, more samples along the longer side come nearer to the truth."""
+    """More anisotropic samples reduce the error against a supersampled reference."""
     camera = StereoCamera.centred(160, 120, 150.0, 0.1)
     layers = np.random.default_rng(0).integers(0, 256, (1, 32, 32, 4)).repeat(8, 1).repeat(8, 2).astype(np.uint8)
     matrix = np.eye(4)
     matrix[:3, 0], matrix[:3, 1], matrix[:3, 3] = (8, 0, 0), (0, 1.2, -7), (-4, -0.3, 8)
     scene = make_scene(camera, model=[0], world_from_model=[matrix], layer=[0], uv_scale=[[4, 4]])
 
-    def draw(**options):
+    def render(**options):
         return open_renderer([SQUARE], layers, outputs=(), **options).render(scene).left.image.astype(float)
 
-    reference = draw(antialias="ssaa8", anisotropy=16)
-    error = [np.sqrt(np.mean((draw(anisotropy=samples) - reference) ** 2)) for samples in (1, 4, 16)]
+    reference = render(antialias="ssaa8", anisotropy=16)
+    error = [np.sqrt(np.mean((render(anisotropy=samples) - reference) ** 2)) for samples in (1, 4, 16)]
     assert error[1] < 0.8 * error[0]
     assert error[2] < error[1]
 
 
 @pytest.mark.parametrize("grey", [False, True])
 def test_smaller_levels_are_means(open_renderer, grey):
-    """A patch that is 2, 4, ... 64 times smaller in the image shows one texel of a smaller level in each pixel."""
+    """If a patch is 2, 4, ... 64 times smaller in the image, a pixel shows one texel of that mipmap level."""
     layers = noise_layers(3, SIDE)
     renderer = open_renderer([SQUARE], layers[..., 0] if grey else layers)
     camera, mean = StereoCamera.centred(SIDE, SIDE, 100.0, 0.1), layers[2, ..., :3].astype(float)
@@ -108,10 +108,10 @@ def test_smaller_levels_are_means(open_renderer, grey):
 
 
 def test_levels_of_any_side_have_the_bytes_of_the_software_drivers_own(open_renderer, monkeypatch):
-    camera, drawn = StereoCamera.centred(60, 40, 100.0, 0.1), patches._draw_levels  # noqa: SLF001
+    camera, original = StereoCamera.centred(60, 40, 100.0, 0.1), patches._draw_levels  # noqa: SLF001
     for side in (2, 37, 333):
         images = []
-        for levels in (drawn, lambda _context, atlas, *_: atlas.build_mipmaps()):
+        for levels in (original, lambda _context, atlas, *_: atlas.build_mipmaps()):
             monkeypatch.setattr(patches, "_draw_levels", levels)
             renderer = open_renderer([SQUARE], noise_layers(2, side))
             if "llvmpipe" not in renderer.renderer_name:

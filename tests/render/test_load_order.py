@@ -1,4 +1,4 @@
-"""Packages with an LLVM of their own beside Mesa's driver: in whatever order they come, nothing crashes."""
+"""Packages that bundle LLVM do not crash Mesa's driver, whichever loads first."""
 
 import os
 import re
@@ -49,7 +49,7 @@ def test_no_order_of_imports_crashes(order, backend):
 
 @pytest.fixture
 def stand_in(tmp_path):
-    """A package called triton whose library is one of OpenGL's own, and which nobody may import."""
+    """Make a package triton that cannot be imported; its library is a copy of glcontext's."""
     library = tmp_path / "triton" / "_C" / "libtriton.so"
     library.parent.mkdir(parents=True)
     (library.parents[1] / "__init__.py").write_text("raise SystemExit('triton was imported')")
@@ -63,7 +63,7 @@ def test_the_library_is_loaded_before_any_driver_and_lends_its_symbols_to_no_oth
     shown = "import ctypes; print(hasattr(ctypes.CDLL(None), 'PyInit_egl'))"
     log = {"LD_DEBUG": "files", "LD_DEBUG_OUTPUT": str(tmp_path / "loaded")}
     assert run(backend, [first, "context", shown], tmp_path, **log) == "False\n"
-    # By glibc's account of it.
+    # Read glibc's log of loaded libraries.
     [log] = tmp_path.glob("loaded.*")
     names = re.findall(r"file=(\S+) \[0\];  generating link map", log.read_text())
     assert names.count(str(stand_in)) == 1
@@ -80,10 +80,10 @@ def test_a_triton_without_a_sound_library_keeps_no_context_from_opening(stand_in
 
 @pytest.mark.heavy
 def test_drawing_passes_its_tests_on_narrow_vectors(backend, tmp_path):
-    """llvmpipe on ARM and on x86 without AVX has vectors of 128 bits; other processors have 256."""
+    """llvmpipe uses 128-bit vectors on ARM and on x86 without AVX, and 256-bit vectors otherwise."""
     if "llvmpipe" not in context_facts(backend)["renderer"]:
         pytest.skip(f"{backend} does not draw with llvmpipe here")
-    # What pytest tells its own workers is not for a run of its own, and Mesa's cache does not tell widths apart.
+    # The new pytest must not act as an xdist worker. Mesa's shader cache does not distinguish vector widths.
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     environment |= {"LP_NATIVE_VECTOR_WIDTH": "128", "MESA_SHADER_CACHE_DIR": str(tmp_path / "shaders")}
     command = "-m", "pytest", "--quiet", "-p", "no:cacheprovider", "--basetemp", str(tmp_path / "run")

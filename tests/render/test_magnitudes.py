@@ -1,4 +1,4 @@
-"""Numbers of any magnitude: float32 draws them as the rays say, or they are refused."""
+"""For numbers of any magnitude, float32 rendering agrees with rays, or the numbers are refused."""
 
 import warnings
 
@@ -17,7 +17,7 @@ from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import move
 
-# A slanted wall of 4 x 4 m, 2 m away, and the numbers that a caller hands in; the pose makes the model's scale good.
+# A slanted wall of 4 x 4 m, 2 m away, and a caller's numbers. The pose cancels the model's scale.
 CORNERS = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.2], [1.0, 1.0, 0.4], [-1.0, 1.0, 0.2]])
 TRIANGLES = [[0, 1, 2], [0, 2, 3]]
 WIDTH, HEIGHT = 24, 16
@@ -43,11 +43,11 @@ ORDINARY = {
 LENGTHS = ("baseline_m", "near_m", "instance_scale", "depth_m", "moved_m")
 
 
-def drawn(antialias="none", **numbers):
-    """Render the wall; return the frame, and what the oracle needs."""
+def rendered(antialias="none", **numbers):
+    """Render the wall; return frame, scene and mesh."""
     n = ORDINARY | numbers
     camera = StereoCamera(WIDTH, HEIGHT, n["focal_px"], n["baseline_m"], n["cx_left_px"], n["cx_right_px"], n["cy_px"])
-    # Python's own floats: numbers that are too large become inf there without a warning.
+    # Python's floats overflow to inf without a warning.
     scale, at = n["model_scale"], n["model_at"]
     positions = [[x * scale + at for x in corner] for corner in CORNERS.tolist()]
     uv = [[x * n["uv_of_model"] + n["uv_at"] for x in corner[:2]] for corner in CORNERS.tolist()]
@@ -66,13 +66,13 @@ def drawn(antialias="none", **numbers):
 
 
 def check(numbers, antialias="none"):
-    """Return whether the numbers were drawn; what was drawn must be what rays say, and what was not, refused."""
+    """Render and compare with rays; return False if the numbers are refused."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            frame, scene, wall = drawn(antialias, **numbers)
+            frame, scene, wall = rendered(antialias, **numbers)
         except InputError as error:
-            assert str(error)  # noqa: PT017 - any message will do here
+            assert str(error)  # noqa: PT017 - any message is fine
             return False
     camera = scene.camera
     y, x = (each.ravel() for each in np.mgrid[:HEIGHT, :WIDTH].astype(float))
@@ -86,12 +86,12 @@ def check(numbers, antialias="none"):
         for name, array in view.items():
             assert not np.isnan(array).any(), name
             assert array.dtype.kind != "f" or (array != -np.inf).all(), name
-        # A rasteriser moves vertices by up to 1/256 px, and float32 rounds their places in the image.
+        # Rasterisers round vertices to 1/256 px, after float32 rounded their image positions.
         nearest_m = np.maximum(np.abs(corners[:, 2]).min(), scene.near_m)
         across_px = camera.focal_px * (np.abs(corners[:, :2]).max() + camera.baseline_m + 2 * reach_m) / nearest_m
         aside = 1 / 16 + 2.0**-22 * (abs(camera.intrinsics_px(eye)[0]) + abs(camera.cy_px) + across_px)
         around = []
-        # Nearby rays too: those farther aside may pass a wall that is narrower than a pixel on both sides.
+        # Use nearby rays too: a wall narrower than a pixel can be between the farther ones.
         away = [far for near in (1 / 1024, 1 / 256, 1 / 64, aside) for far in (near, -near)]
         for right, down in ((0, 0), *((far, 0) for far in away), *((0, far) for far in away)):
             hits = cast_rays(scene, [wall], eye, x + right, y + down)
@@ -103,9 +103,8 @@ def check(numbers, antialias="none"):
         low = np.where(known, expected, np.inf).min(axis=0)[finite]
         high = np.where(known, expected, -np.inf).max(axis=0)[finite]
         parallax = np.maximum(np.abs(low), np.abs(high)) + 2 * abs(camera.doffs_px)
-        # By the wall's size in units of its distance.
         away_m = camera.focal_baseline / np.maximum(np.abs(low + camera.doffs_px), 1e-300)
-        # Beside the wall's border there may be rays to one side alone.
+        # The allowed error grows with the wall's size relative to its distance, and with the spread of the rays.
         allowed = 2.0**-24 * (16 + 4 * (size_m + reach_m) / away_m) * parallax + (high - low).max(initial=0)
         assert (found[finite] >= low - allowed).all()
         assert (found[finite] <= high + allowed).all()
@@ -167,7 +166,7 @@ def test_what_float32_cannot_hold_is_refused_with_what_came(numbers, said):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(InputError, match=said):
-            drawn(**numbers)
+            rendered(**numbers)
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-30, 1e8])
@@ -178,6 +177,6 @@ def test_models_of_any_size_are_made(size):
             make_model("wall", CORNERS * scale, TRIANGLES, CORNERS[:, :2] * scale) for scale in (size, 1.0)
         )
     np.testing.assert_allclose(found.positions, expected.positions, atol=1e-6)
-    # Areas of smaller UV maps are beyond float64: such maps are not used.
+    # The area of a smaller UV map underflows float64, so the program ignores the map.
     if size > 1e-100:
         np.testing.assert_allclose(found.uv, expected.uv, atol=1e-6)

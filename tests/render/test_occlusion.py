@@ -1,10 +1,10 @@
-"""What is left out because it is hidden changes no pixel; what reaches into the view is drawn."""
+"""Occlusion culling changes no pixel, and keeps instances that reach into the view."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_table import BALL, models, turned
+from scene_table import BALL, models, rotation
 from scenes import SQUARE, assert_equal, facing, noise_layers, one_model, posed
 
 from semisynth_gl.frame.camera import Crop, StereoCamera
@@ -25,7 +25,7 @@ CROP = Crop(90, 41, 50, 40)
 
 @pytest.fixture
 def drawn(backend, monkeypatch):
-    """Let all scenes be searched, and count the instances or runs drawn: depth alone, then the image, for each eye."""
+    """Cull even small scenes; record the number of instances or runs drawn in each eye's depth and image passes."""
     if not is_software(context_facts(backend)["renderer"]):
         pytest.skip("hidden instances are left out where the processor draws")
     counts = []
@@ -43,16 +43,16 @@ def drawn(backend, monkeypatch):
 
 
 def assert_unchanged(renderer, scene):
-    """Compare with everything drawn, the whole image and a part of it."""
+    """Compare the whole image and a crop with renderings without culling."""
     found, part = renderer.render(scene), renderer.render(scene, CROP)
-    drawing = renderer._drawing  # noqa: SLF001 - there is no option
+    drawing = renderer._drawing  # noqa: SLF001 - no option turns culling off
     searching = [owner for owner in (drawing, drawing._edges) if owner is not None]  # noqa: SLF001
     search = drawing._culler  # noqa: SLF001
     for owner in searching:
         owner._culler = None  # noqa: SLF001
     expected = renderer.render(scene)
     if drawing._edges is not None:  # noqa: SLF001
-        # The only tile that is left covers the image: what lies beyond a texture may be anything.
+        # The only tile covers the image, since pixels outside a texture are undefined.
         with renderer._gl:  # noqa: SLF001
             assert drawing._edges._programs[0]["tile_px"].value == CAMERA.width_px  # noqa: SLF001
     for owner in searching:
@@ -73,14 +73,14 @@ def test_crowds_are_as_if_everything_were_drawn(backend, drawn, monkeypatch, hid
     with Renderer(meshes, noise_layers(3, 16), large_layers=large, backend=backend, **options) as renderer:
         for fy_over_fx in (1.0, 0.7):
             poses = np.tile(np.eye(4), (count, 1, 1))
-            # Some are mirrored, flat or turned; some are cut open by the near plane.
+            # Some are mirrored, flat or rotated; the near plane cuts some open.
             turn, _ = np.linalg.qr(rng.normal(size=(count, 3, 3)))
             poses[:, :3, :3] = turn * rng.uniform(0.05, 0.5, (count, 1, 3))
             poses[:, 2, 3] = rng.uniform(0.5, 6, count)
             poses[:, :2, 3] = poses[:, 2:3, 3] * rng.uniform(-0.6, 0.6, (count, 2))
             poses[:2] = facing(CAMERA, 20, 10, 110, 80, 1.0)
             model, layer = rng.integers(0, 3, count), rng.integers(0, 5, count)
-            model[:2] = 2  # the same place
+            model[:2] = 2  # two instances at the same pose
             camera = replace(CAMERA, fy_over_fx=fy_over_fx)
             scene = make_scene(camera, model=model, world_from_model=poses, layer=layer, near_m=0.6)
             assert_unchanged(renderer, scene)
@@ -91,9 +91,9 @@ def test_crowds_are_as_if_everything_were_drawn(backend, drawn, monkeypatch, hid
     ("far", "seen"),
     [
         ((8, 8, 40, 30, 2.0), 1),
-        ((8, 8, 40, 30, 1.0004), 2),  # within the distance by which hiding depth is set back
-        ((4, 4, 120, 90, 1.0), 2),  # at the same depth: the first one is seen
-        ((0, 8, 40, 30, 2.0), 2),  # looks out
+        ((8, 8, 40, 30, 1.0004), 2),  # nearer than the margin of the occluders' depth
+        ((4, 4, 120, 90, 1.0), 2),  # at the same depth
+        ((0, 8, 40, 30, 2.0), 2),  # partly beside the occluder
         ((8, 8, 40, 30, 0.99), 2),  # in front
     ],
 )
@@ -107,15 +107,15 @@ def test_what_looks_out_is_drawn(backend, drawn, monkeypatch, far, seen):
 
 
 def test_balls_behind_a_wall_are_as_if_everything_were_drawn(open_renderer):
-    """Of 100k triangles each, so that hidden ones are looked for without a test's help."""
-    poses = [facing(CAMERA, 10, 10, 90, 90, 1.0), *(posed(turned(k) * 0.3, (0.3 * k - 0.4, 0, 2)) for k in range(3))]
+    """The balls have enough triangles (100k) for culling with its default limits."""
+    poses = [facing(CAMERA, 10, 10, 90, 90, 1.0), *(posed(rotation(k) * 0.3, (0.3 * k - 0.4, 0, 2)) for k in range(3))]
     scene = make_scene(CAMERA, model=[0, BALL, BALL, BALL], world_from_model=poses, layer=[0] * 4)
     assert_unchanged(open_renderer(models(), noise_layers(1, 16), outputs=("instances",)), scene)
 
 
 @pytest.mark.parametrize("side", [(-1, 0), (1, 0), (0, -1), (0, 1)])
 def test_a_tip_that_reaches_into_the_view_is_drawn(open_renderer, side):
-    """The model's origin lies outside by 0.95 of its radius, so only culling by the whole radius keeps its tip."""
+    """The origin is outside by 0.95 of the radius, so that culling must use the whole radius to keep the tip."""
     camera = StereoCamera.centred(200, 160, 100.0, 0.0)
     tip = make_mesh("tip", [[0, -0.9, 0], [0, 0.9, 0], [1, 0, 0]], np.zeros((3, 2)), [[0, 1, 2]])
     assert tip.radius == 1

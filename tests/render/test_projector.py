@@ -1,4 +1,4 @@
-"""The light of a projector: its values and its shadows against float64 rays, its dots at the truth's disparity."""
+"""A projector's light and shadows compared with float64 rays; its dots match the true disparity."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ from semisynth_gl.scene.scene import Projector, make_scene
 CAMERA = StereoCamera(120, 90, 112.0, 0.1, 58.0, 63.0, 43.5)
 WHITE = np.full((1, 8, 8, 4), 255, np.uint8)
 FULL = np.full((68, 105), 255, np.uint8)
-# Slopes of 8 levels a pixel, so that a pattern that is mirrored, turned or shifted shows.
+# Ramps of 8 levels per pixel, so that a mirrored, rotated or shifted pattern changes the result.
 SLOPES = np.add.outer(*(np.abs(np.arange(size) * 8 % 256 - 128) for size in FULL.shape)).clip(0, 255).astype(np.uint8)
 
 
@@ -41,21 +41,21 @@ def projector(position_m=(0.05, 0.02, 0.0), turn_rad=(0.0, 0.0, 0.0), **values):
 
 
 def plane(depth_m=1.5, tilt_rad=0.0, camera=CAMERA, **scene):
-    """A wall that fills both views, turned about the vertical."""
+    """Make a scene of a wall that fills both views, rotated about the vertical."""
     turn = rotations_about(np.array([[0.0, 1.0, 0.0]]), np.array([tilt_rad]))[0] * 40 * depth_m
     return one_model(camera, [posed(turn, turn @ [-0.5, -0.5, 0] + [0, 0, depth_m])], **scene)
 
 
-def drawn(scene, pattern=FULL, models=(SQUARE,), layers=WHITE, **options):
+def rendered(scene, pattern=FULL, models=(SQUARE,), layers=WHITE, **options):
     with Renderer(list(models), layers, pattern=pattern, **options) as renderer:
         return renderer.render(scene)
 
 
 def expected_light(scene, models, eye, pattern=FULL):
-    """What float64 rays say of one eye's image: the light (H, W), and where a texel of the pattern decides it.
+    """Cast float64 rays for one eye; return the light, and masks of decided and of lit pixels, each (H, W).
 
-    The light is that of a smooth pattern, and 0 where nothing is seen. Undecided are pixels whose four neighbours in
-    the pattern do not all see what the pixel's own ray sees.
+    The light is of a bilinear pattern, and 0 where the eye sees nothing. A pixel is undecided if not all four
+    neighbouring texels of the pattern see the pixel's instance.
     """
     camera, own = scene.camera, scene.projector
     y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
@@ -80,7 +80,7 @@ def expected_light(scene, models, eye, pattern=FULL):
         around = cast_rays(there, models, "left", *at)
         on_pattern = (at[0] >= 0) & (at[1] >= 0) & (at[0] < width) & (at[1] < height)
         decided &= ~inside | ((around.instance == seen.instance) & on_pattern)
-    # In the left camera's frame, towards the eye.
+    # Normals in the left camera's frame, towards the eye.
     eye_turn, normals = camera.turn(eye), normals_of(scene, models, eye, hits)
     normals = normals if eye_turn is None else normals @ eye_turn
     way = points + turn.T @ shift
@@ -103,13 +103,13 @@ DEVIATING = replace(CAMERA, deviation=CameraDeviation(0.04, -0.03, 2.0, 1.02), f
 @pytest.mark.parametrize("antialias", ["none", "ssaa2"])
 def test_a_plane_has_the_light_of_rays(tilt_rad, camera, antialias):
     scene = plane(tilt_rad=tilt_rad, camera=camera, projector=projector(turn_rad=(0.05, -0.1, 0.3), focal_px=98.0))
-    frame = drawn(scene, SLOPES, antialias=antialias, rectified=camera.rectified)
+    frame = rendered(scene, SLOPES, antialias=antialias, rectified=camera.rectified)
     for eye in EYES:
         light, decided, reached = expected_light(scene, [SQUARE], eye, SLOPES)
         assert reached.mean() > 0.3
         assert (~reached).mean() > 0.02
         off = np.abs(frame.view(eye).image[..., 0] - np.clip(255 * light, 0, 255))
-        # Pixels of several samples may lie on both sides of the pattern's border, or of the wall's.
+        # With several samples, a pixel can be on both sides of the pattern's or the wall's border.
         even = minimum_filter(decided, 3)
         for side in (reached, light > 0):
             even &= minimum_filter(side, 3) == maximum_filter(side, 3)
@@ -124,8 +124,8 @@ def test_shadows_of_clutter_are_those_of_rays(seed):
     scene = replace(clutter(seed, CAMERA, count=12), projector=lit)
     light, decided, reached = expected_light(scene, models(), "left")
     assert 0.2 < reached.mean() < 0.999
-    image = drawn(scene, models=models(), layers=WHITE.repeat(4, axis=0)).left.image[..., 0]
-    # Folds and steps of one instance that are finer than a texel.
+    image = rendered(scene, models=models(), layers=WHITE.repeat(4, axis=0)).left.image[..., 0]
+    # The rest are folds and steps of one instance that are finer than a texel.
     assert (decided & (np.abs(image - np.clip(255 * light, 0, 255)) >= 2.0)).mean() < 0.01
     assert decided.mean() > 0.6
 
@@ -138,15 +138,15 @@ def test_no_plane_shades_itself(distance_m, tilt_rad):
     light, decided, reached = expected_light(scene, [SQUARE], "left")
     seen = decided & reached & (light > 0.02)
     assert seen.mean() > 0.1
-    assert (drawn(scene).left.image[..., 0][seen] > 0).all()
+    assert (rendered(scene).left.image[..., 0][seen] > 0).all()
 
 
 def test_a_shadow_begins_where_a_thing_touches_the_ground():
-    """A post on a wall, seen from its edge and lit from the left: no gap of a texel between it and its shadow."""
+    """A post on a wall, seen edge-on and lit from the left, touches its shadow."""
     post = posed([[0, 0, 1], [0, 1, 0], [-0.3, 0, 0]], (0.1, -0.5, 2.0))
     lit = projector((-1.0, 0.0, 0.0), power=2.0, ambient=0.0, focal_px=105.0)
     scene = one_model(CAMERA, [behind(CAMERA, 2.0), post], projector=lit)
-    image = drawn(scene, np.full((150, 225), 255, np.uint8)).left.image[45, :, 0]
+    image = rendered(scene, np.full((150, 225), 255, np.uint8)).left.image[45, :, 0]
     foot_px = CAMERA.focal_px * 0.1 / 2.0 + CAMERA.cx_left_px
     assert (image[int(foot_px) - 15 : int(foot_px)] > 0).all()
     dark = np.flatnonzero(image[int(foot_px) + 1 :] == 0)
@@ -157,38 +157,38 @@ def test_a_shadow_begins_where_a_thing_touches_the_ground():
 def test_truth_does_not_know_of_the_projector_and_light_of_1_changes_nothing():
     scene = plane(tilt_rad=0.3)
     options = {"layers": noise_layers(1, 64), "outputs": ["visibility", "depth", "normals", "instances"]}
-    plain = drawn(scene, None, **options)
-    assert_equal(drawn(scene, FULL, **options), plain)
-    assert_equal(drawn(replace(scene, projector=projector(power=0.0, ambient=1.0)), **options), plain)
-    lit = drawn(replace(scene, projector=projector()), **options).arrays()
+    plain = rendered(scene, None, **options)
+    assert_equal(rendered(scene, FULL, **options), plain)
+    assert_equal(rendered(replace(scene, projector=projector(power=0.0, ambient=1.0)), **options), plain)
+    lit = rendered(replace(scene, projector=projector()), **options).arrays()
     for role, array in plain.arrays().items():
         assert np.array_equal(lit[role], array) == (role not in EYES), role
 
 
 def test_a_sheet_hides_its_lit_side_from_the_eye_beyond_it():
-    """A sheet that leads away from the left eye, with the projector on its other side."""
+    """The sheet extends away from the left eye; the projector is left or right of it."""
     sheet, images = posed([[0.3, 0, 0], [0, 1, 0], [2, 0, 1]], (0.02, -0.5, 0.8)), []
     for side_m in (-1.0, 1.0):
         lit = projector((side_m, 0.0, 0.0), turn_rad=(0.0, -0.6 * side_m, 0.0), ambient=0.2, power=3.0)
         scene = one_model(CAMERA, [sheet], projector=lit)
-        images.append(drawn(scene).left.image[45, :, 0])
+        images.append(rendered(scene).left.image[45, :, 0])
         light, decided, _ = expected_light(scene, [SQUARE], "left")
         assert np.abs(images[-1] - np.clip(255 * light[45], 0, 255))[decided[45]].max() < 1.5
     seen = images[0] > 0
-    # The eye sees one side of the sheet, and only one of the projectors lights that side.
+    # The eye sees one side of the sheet; only one of the two projectors lights it.
     assert {(image[seen] > 60).mean() > 0.8 for image in images} == {True, False}
 
 
 def test_the_sky_has_only_ambient_light_and_each_scene_its_own_shadows():
     near, sky = facing(CAMERA, 30, 15, 45, 45, 1.0), behind(CAMERA, 5.0)
-    image = drawn(one_model(CAMERA, [near, sky], sky=[False, True], projector=projector())).left.image[..., 0]
+    image = rendered(one_model(CAMERA, [near, sky], sky=[False, True], projector=projector())).left.image[..., 0]
     assert image[4, 4] == round(255 * 0.2)
     assert image[38, 52] > 100
     lit, wall, post = projector((-0.6, 0.0, 0.0)), behind(CAMERA, 2.0), facing(CAMERA, 45, 22, 15, 45, 1.0)
     bare, with_post = (one_model(CAMERA, poses, projector=lit) for poses in ([wall], [wall, post]))
     with Renderer([SQUARE], WHITE, pattern=FULL) as renderer:
         in_turn = [renderer.render(scene) for scene in (with_post, bare, with_post)]
-    assert_equal(in_turn[1], drawn(bare))
+    assert_equal(in_turn[1], rendered(bare))
     assert_equal(in_turn[2], in_turn[0])
     shadow = (in_turn[0].left.image < in_turn[1].left.image).all(axis=2)
     assert 280 < shadow.sum() < 1700
@@ -205,12 +205,12 @@ def test_crops_grey_images_alone_and_shared_left_views_have_the_same_light():
             assert_equal(frame, renderer.render(replace(scene, camera=camera)))
     for eye, image in images.items():
         np.testing.assert_array_equal(image, whole.view(eye).image)
-    np.testing.assert_array_equal(drawn(scene, layers=WHITE[..., 0]).left.image, whole.left.image[..., 0])
+    np.testing.assert_array_equal(rendered(scene, layers=WHITE[..., 0]).left.image, whole.left.image[..., 0])
 
 
 @pytest.mark.parametrize("grey", [False, True])
 def test_outlines_have_the_light_of_many_samples(grey):
-    """Beside the projector, a camera sees no shadow, so that what is left of the error is that of outlines."""
+    """An eye at the projector's position sees no shadows, so that only outlines cause errors."""
     layers = WHITE[..., 0] if grey else WHITE
     corners = np.array([[-0.31, -0.22, 0], [0.33, -0.17, 0], [0.12, 0.36, 0]])
     triangle = make_mesh("triangle", corners, corners[:, :2], [[0, 1, 2]])
@@ -220,12 +220,12 @@ def test_outlines_have_the_light_of_many_samples(grey):
         light = projector(position_m=(CAMERA.offset_m(eye), 0, 0), power=1.5, ambient=0.1)
         scene = make_scene(CAMERA, model=[0, 1], world_from_model=poses, layer=[0, 0], projector=light)
         none, edges, many = (
-            drawn(scene, FULL, (SQUARE, triangle), layers, antialias=mode).view(eye).image.astype(float)
+            rendered(scene, FULL, (SQUARE, triangle), layers, antialias=mode).view(eye).image.astype(float)
             for mode in ("none", "edges", "ssaa8")
         )
         assert ((none - many) ** 2).mean() > 5
         assert ((edges - many) ** 2).mean() < 0.005 * ((none - many) ** 2).mean()
-        # Of the triangle's corners.
+        # The exceptions are the triangle's corners.
         assert (np.abs(edges - many).reshape(90, 120, -1).max(axis=2) > 6).sum() <= 3
 
 
@@ -242,7 +242,7 @@ def test_what_cannot_be_lit_is_refused(values):
         Projector(**{"projector_from_camera": np.eye(4), "focal_px": 90.0, "power": 1.0} | values)
     for pattern, said in ((None, "its projector has a pattern"), (np.zeros((4, 4)), r"must be \(H, W\) uint8")):
         with pytest.raises(InputError, match=said):
-            drawn(plane(projector=projector()), pattern)
+            rendered(plane(projector=projector()), pattern)
 
 
 # --- configs ---
@@ -267,7 +267,7 @@ def test_the_place_of_a_projector_is_the_configs_in_a_share_of_the_sequences():
     sampled = next(filter(None, found))
     pose = sampled.projector_from_camera
     np.testing.assert_allclose(pose @ [0.1, -0.2, 0.05, 1], [0, 0, 0, 1], atol=1e-12)
-    # Turned by a right angle about y (down), the projector looks to the right.
+    # A rotation by 90 degrees about y (down) turns the projector to the right.
     np.testing.assert_allclose(pose[:3, :3] @ [1, 0, 0], [0, 0, 1], atol=1e-12)
     assert (sampled.focal_px, sampled.power, sampled.ambient) == (pytest.approx(640), 2, 0.5)
     plain, config = (

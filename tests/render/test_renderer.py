@@ -1,4 +1,4 @@
-"""Backends, contexts and limits, and what the renderer refuses."""
+"""Backends, contexts, limits, and refused arguments of the renderer."""
 
 import ctypes
 import hashlib
@@ -51,7 +51,7 @@ def test_both_software_backends_give_the_same_bytes():
 
 
 def test_two_renderers_draw_in_turn_and_outlive_each_other(backend):
-    """Each makes its own context current; object ids of one mean others in the other."""
+    """Each renderer must make its context current, since both use the same object ids."""
     dark, light = (np.full((1, 8, 8, 4), level, np.uint8) for level in (40, 200))
     with Renderer([SQUARE], dark, backend=backend) as one:
         alone = frame_bytes(one.render(SIMPLE))
@@ -69,8 +69,8 @@ def test_two_renderers_draw_in_turn_and_outlive_each_other(backend):
 def test_pairs_and_images_of_many_sizes_are_drawn_in_turn_and_leave_nothing_behind(open_renderer, antialias):
     renderer = open_renderer([SQUARE], noise_layers(1, 32), antialias=antialias, outputs=RENDERED_OUTPUTS)
 
-    def draw(width, count):
-        # At times more instances than there is room for at first.
+    def render(width, count):
+        # Some calls need more instances than the initial buffers hold.
         camera = StereoCamera.centred(width, 40, 60.0, 0.1)
         scene = one_model(camera, [facing(camera, k % 50, k % 30, 12.3, 9.4, 1 + k / 100) for k in range(count)])
         motion = move(scene, camera_from_world=posed(np.eye(3), (0.02, 0, 0)))
@@ -79,10 +79,10 @@ def test_pairs_and_images_of_many_sizes_are_drawn_in_turn_and_leave_nothing_behi
             np.testing.assert_array_equal(image, frame.view(eye).image)
         return frame_bytes(frame)
 
-    first, counts = draw(60, 5), []
-    # Targets of three sizes are kept.
+    first, counts = render(60, 5), []
+    # The renderer caches targets of three sizes.
     for widths in ((90, 61, 60), (80, 62, 33), (77, 63, 60)):
-        last = [draw(width, 300 if width > 75 else 5) for width in widths * 2][-1]
+        last = [render(width, 300 if width > 75 else 5) for width in widths * 2][-1]
         counts.append(count_objects(renderer))
     assert counts == counts[:1] * 3
     assert last == first
@@ -93,11 +93,11 @@ def test_pairs_and_images_of_many_sizes_are_drawn_in_turn_and_leave_nothing_behi
 def test_a_refused_size_leaves_the_renderer_as_it_was(open_renderer, antialias):
     renderer = open_renderer([SQUARE], noise_layers(1, 16), antialias=antialias)
     before = frame_bytes(renderer.render(SIMPLE))
-    side = renderer._gl.info["GL_MAX_TEXTURE_SIZE"]  # noqa: SLF001 - nobody else asks
+    side = renderer._gl.info["GL_MAX_TEXTURE_SIZE"]  # noqa: SLF001 - the renderer does not publish it
     large = StereoCamera.centred(side // 2 + 8 if antialias == "ssaa2" else side + 8, 4, 40.0, 0.1)
-    for draw in (renderer.render, renderer.render_images):
+    for render in (renderer.render, renderer.render_images):
         with pytest.raises(BackendError, match=r"goes up to \d+"):
-            draw(one_model(large, [np.eye(4)]))
+            render(one_model(large, [np.eye(4)]))
     assert frame_bytes(renderer.render(SIMPLE)) == before
 
 
@@ -147,10 +147,10 @@ def test_antialiasing_changes_colour_at_edges_only_and_truth_nowhere(open_render
             continue
         before, after = array[..., 0], smooth[role][..., 0]
         assert len(np.unique(after)) >= 5
-        # The edge may pass just beside the image.
+        # Edges can be just outside the image.
         beside_edge = maximum_filter(before, 3, mode="constant", cval=255) != minimum_filter(before, 3)
         assert not ((before != after) & ~beside_edge).any()
-        # The mean brightness stays: no shift of the edge.
+        # A shifted edge would change the mean brightness.
         assert abs(float(after.mean()) - float(before.mean())) < 0.3
 
 
@@ -199,7 +199,7 @@ def test_an_error_of_its_opening_is_told_of_no_pair(backend, monkeypatch):
 
 
 def test_a_context_is_current_only_while_it_draws():
-    """A driver keeps all that a context holds while it is current, released or not."""
+    """Drivers free a released context's objects only when it is no longer current."""
     if backend_fault("egl"):
         pytest.skip("no egl here")
     current = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
@@ -215,7 +215,7 @@ def test_a_context_is_current_only_while_it_draws():
 @pytest.mark.parametrize("backend", ["auto", "egl", "osmesa"])
 def test_missing_libraries_are_told_before_anything_is_made(monkeypatch, tmp_path, start, backend):
     monkeypatch.chdir(tmp_path)
-    # EGL needs two libraries, and one of them is there; OSMesa has several names.
+    # EGL needs two libraries, of which one exists; OSMesa needs one of several names.
     libraries = {"egl": [["libc.so.6"], ["libNone.so"]], "osmesa": [["libNone.so"]]}
     monkeypatch.setattr(context, "_LIBRARIES", libraries)
     monkeypatch.setattr(context, "open_context", Mock(side_effect=BackendError("none could be opened")))
@@ -223,7 +223,7 @@ def test_missing_libraries_are_told_before_anything_is_made(monkeypatch, tmp_pat
     with pytest.raises(BackendError, match="none could be opened"):
         start(cheap(), 0, backend)
     context.open_context.assert_called_once_with(backend)
-    # The libraries of one backend are enough for "auto", and for no other backend.
+    # The libraries of one backend are enough for "auto", but not for the other backend.
     monkeypatch.setitem(libraries, "osmesa", [["libNone.so", "libc.so.6"]])
     monkeypatch.setattr(context, "open_context", opened := Mock())
     check_libraries(backend)
@@ -231,7 +231,7 @@ def test_missing_libraries_are_told_before_anything_is_made(monkeypatch, tmp_pat
 
 
 def test_an_osmesa_of_old_mesa_is_told(monkeypatch):
-    monkeypatch.setattr(osmesa, "_load_library", object)  # an object lacks the function, too
+    monkeypatch.setattr(osmesa, "_load_library", object)  # object lacks the function, as an old library does
     with pytest.raises(BackendError, match="osmesa: OSMesa is older than Mesa 12"):
         open_context("osmesa")
 
@@ -245,7 +245,7 @@ def test_an_osmesa_context_that_cannot_be_current_is_destroyed(monkeypatch):
 
 
 def opened(name, **environment):
-    """Open a backend in a new process: Mesa reads its variables once."""
+    """Open a backend in a new process, since Mesa reads its environment variables only once."""
     if backend_fault(name):
         pytest.skip(f"no {name} here")
     script = f"from semisynth_gl.render.context import open_context; print(open_context({name!r}).backend)"
@@ -254,7 +254,7 @@ def opened(name, **environment):
 
 @pytest.mark.parametrize("name", ["egl", "osmesa"])
 def test_too_old_opengl_and_devices_that_do_not_exist_are_told(name):
-    # Mesa can be made to pretend an older version.
+    # Mesa can pretend to be an older version.
     done = opened(name, MESA_GL_VERSION_OVERRIDE="3.3")
     assert done.code == 1
     assert "BackendError: no OpenGL context could be opened" in done.err
@@ -265,6 +265,6 @@ def test_too_old_opengl_and_devices_that_do_not_exist_are_told(name):
 
 
 def test_glcontext_variables_override_nothing():
-    """GLCONTEXT_DEVICE_INDEX silently wins over arguments in glcontext's own front end."""
+    """In glcontext's own front end, GLCONTEXT_DEVICE_INDEX silently overrides arguments."""
     done = opened("egl", GLCONTEXT_DEVICE_INDEX="99", GLCONTEXT_LINUX_LIBGL="libNothing.so")
     assert (done.code, done.out.strip()) == (0, "egl"), done.err

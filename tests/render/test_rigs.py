@@ -1,4 +1,4 @@
-"""Cameras that deviate, have several baselines, pixels that are not square or signed disparities: scenes and pairs."""
+"""Scenes and pairs of deviating cameras, several baselines, non-square pixels and signed disparities."""
 
 import json
 from dataclasses import replace
@@ -41,7 +41,7 @@ SMALL = (
 
 
 def several(baselines=SEVERAL, camera=None, **changes):
-    """A config of pairs of several baselines that take milliseconds, with a camera that sways."""
+    """Make a config like `cheap` with several baselines and a swaying camera."""
     values = cheap().model_dump(mode="json")
     values["camera"] |= {"sway_m": 0.02, "sway_deg": 1.0, "baselines": baselines} | (camera or {})
     if isinstance(baselines, list):
@@ -50,7 +50,7 @@ def several(baselines=SEVERAL, camera=None, **changes):
 
 
 def open_scenes(doffs_px=0.0, sky=0.0, *, signed=True, outputs=(), more=None):
-    """A config of open scenes with few models; what is infinitely far away has the disparity -doffs."""
+    """Make a config of open scenes with few models, where points at infinity have the disparity -doffs."""
     lowest = 3 - doffs_px if signed else max(2.0, 3 - doffs_px)
     keys = {
         "camera.doffs_px": doffs_px,
@@ -95,8 +95,7 @@ def test_correspondence_and_depth_are_inverse_and_limits_hold(roll, pitch, down,
     beyond = project(camera, "right", camera.rays("left", x, y) * 1e12)[0]
     np.testing.assert_allclose(np.stack([x, y], axis=1) + far, beyond, atol=1e-6)
     assert StereoCamera.from_values(camera.values()) == camera
-    # Nothing that an image shows beyond the near plane exceeds the limit, nor does the rectified twin of the scene; and
-    # the limit is reached by one of the three.
+    # At the near plane, the left view, the right view and the rectified twin have at most 300 px, and one reaches it.
     section = load_config("middlebury").disparity.model_copy(update={"min_px": 150.0, "max_px": 300.0})
     near_m = near_depth_m(camera, section)
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.5, 639.5, 33), np.linspace(-0.5, 479.5, 33)))
@@ -145,7 +144,7 @@ def test_a_ratio_of_1_is_the_config_without_it():
     assert {recipe.config.camera.fy_over_fx for recipe in wide.recipes()} == {1.02}
 
 
-# Drawing
+# Rendering
 
 
 @pytest.mark.one_backend
@@ -171,7 +170,7 @@ def test_the_right_near_plane_cuts_off_nothing_that_the_left_view_shows(open_ren
     ids=["rectified", "outlines", "samples-left", "deviating"],
 )
 def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, changes):
-    """All outputs of both views, whole and cropped, asked for in any order."""
+    """Request all outputs of both views, whole and cropped, in any order."""
     outputs = [output for output in RENDERED_OUTPUTS if output != "disparity_change" or "rig" not in changes]
     config, crop = several(sequence={"length": 2}, outputs=outputs, **changes), Crop(9, 7, 30, 21)
     options = {"truth": config.truth, "antialias": config.antialias, "rectified": config.rig.is_rectified()}
@@ -248,12 +247,12 @@ def test_doffs_is_the_longest_baselines_unless_the_right_principal_point_is_stat
 
 @pytest.mark.parametrize("baselines", [[0.1, 0.4, 0.3], 3])
 def test_pairs_are_expected_to_show_what_their_baselines_make_of_the_target(baselines):
-    """Against draws: a disparity of the longest baseline, and the others of its scene."""
+    """Compare the histogram with random disparities of the longest baseline, scaled to the scene's other baselines."""
     config = several(baselines, {"baseline_m": [0.1, 0.4], "cx_left_px": 30, "cx_right_px": 31.5})
     rng, shown, wanted = np.random.default_rng(0), [], config.wanted_histogram()
     for _ in range(4_000):
-        drawn = np.array([each.sample(rng) for each in config.camera.baseline_ranges_m])
-        shown.append(drawn / drawn.max() * (wanted.quantile(rng.random()) + 1.5) - 1.5)
+        sampled_m = np.array([each.sample(rng) for each in config.camera.baseline_ranges_m])
+        shown.append(sampled_m / sampled_m.max() * (wanted.quantile(rng.random()) + 1.5) - 1.5)
     shown, expected = np.concatenate(shown), config.shown_histogram()
     assert expected.shares.sum() == pytest.approx(1)
     below = [(shown[shown > 0] < px).mean() for px in expected.edges_px]
@@ -264,7 +263,7 @@ def test_signed_disparities_of_shorter_baselines_are_counted_below_0():
     signed = {"signed": True, "min_px": -8, "max_px": 10, "target": {"form": "uniform"}}
     others = {"disparity": signed, "background": {"wall_disparity_px": -8}, "particles": {}}
     shown = several([0.4, 0.1], {"cx_left_px": 30, "cx_right_px": 40}, **others).shown_histogram()
-    # A quarter of the baseline: (d + 10) / 4 - 10 for d from -8 to 10, which is -9.5 to -5.
+    # With a quarter of the baseline, d from -8 to 10 becomes (d + 10) / 4 - 10, from -9.5 to -5.
     assert shown.edges_px[0] == pytest.approx(-9.5, abs=0.5)
     assert shown.cumulative(-8) == pytest.approx(1 / 6, abs=0.02)
     assert shown.cumulative(-5) == pytest.approx(1 / 2 + 1 / 12, abs=0.02)
@@ -308,7 +307,7 @@ def test_disparities_that_no_rig_has_are_refused_by_their_key(signed, keys, mess
 
 
 def test_scenes_are_as_many_below_0_as_above():
-    """A rig of a large doffs shows what one without shows, all disparities less by that."""
+    """A doffs of 20 px shifts the distribution of disparities by -20 px and changes nothing else."""
     expected, solved = [], {"particles.layers": None, "particles.size_px": [20, 80]}
     for doffs_px in (0.0, 20.0):
         with PairRenderer(open_scenes(doffs_px, more=solved), SEED) as renderer:
@@ -322,7 +321,7 @@ def test_particles_come_into_both_views_at_any_disparity():
     values = (np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 1.0, 0.5, 1.0, 1.0))
     slots = ParticleSlots(*values, vertical_extent(SequenceRig((camera,))))
     start = sample_start(camera, ParticlesSection(), slots, np.random.default_rng(0)).middle_px
-    # What the right view shows at its left border is left of the left view where its disparity is negative.
+    # With a negative disparity, points at the right view's left border are left of the left view.
     assert start.min() == pytest.approx(-30 - 5 - 0.5, abs=0.3)
     assert start.max() == pytest.approx(100 + 5 - 0.5, abs=0.3)
 

@@ -1,11 +1,11 @@
-"""Each channel of the scenes of scene_table.py against float64 rays, and parts of images against whole ones."""
+"""Compares each channel of the scenes of scene_table.py with float64 rays, and crops with whole images."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
 import pytest
-from scene_table import CASES, of
+from scene_table import CASES, scene_of
 from scenes import assert_equal
 
 from semisynth_gl import oracle
@@ -17,21 +17,19 @@ from semisynth_gl.scene.raycast import RayHits, cast_rays
 from semisynth_gl.scene.scene import move
 
 EXACT_PX = 1e-3
-# Rasterisers move vertices by up to half a step of a grid, so within this distance of an edge a pixel may show either
-# surface.
+# Rasterisers round vertices to a grid, so a pixel within this distance of an edge may show either surface.
 EDGE_PX = 1 / 16
-# Two of float32's steps at 1500 px.
+# Two float32 steps at 1500 px.
 STEP_PX = 2.5e-4
-# Rows are compared up to this number of pixels, from the top of one view and from the bottom of the other.
+# Compare at most this number of pixels: the left view's first rows and the right view's last rows.
 MOST_PIXELS = 4000
 SIDE = 256
-# Largest relative difference of the depths at which two rays meet the same point; it covers float64's rounding, and a
-# surface in front of the point is nearer by more.
+# Largest relative difference of depth at which two rays hit the same point; more than float64's rounding.
 SAME_POINT = 1e-9
 
 
 def ramps():
-    """Patches whose colours tell the place in them: u in red, v in green, the patch's number in blue."""
+    """Make patches whose colours encode u in red, v in green, and the patch's number in blue."""
     layers = np.zeros((4, SIDE, SIDE, 4), np.uint8)
     layers[..., 0], layers[..., 1], layers[..., 3] = np.arange(SIDE), np.arange(SIDE)[:, None], 255
     layers[..., 2] = 60 * np.arange(4)[:, None, None]
@@ -40,19 +38,19 @@ def ramps():
 
 @cache
 def renderer(backend, own, rectified, signed):
-    """One for all scenes of the same models and options, until Python exits."""
+    """Share one renderer among scenes with the same models and options."""
     outputs = [name for name in RENDERED_OUTPUTS if rectified or name != "disparity_change"]
     return Renderer(own, ramps(), outputs=outputs, rectified=rectified, signed=signed, backend=backend)
 
 
-def drawn(case, backend, crop=None):
+def render(case, backend, crop=None):
     own = renderer(backend, tuple(case.models), case.scene.camera.rectified, case.signed)
     return own.render(case.scene, crop, future=case.future, past=case.past)
 
 
 @dataclass
 class Pixels:
-    """Pixels of one eye's view, and what the oracle's rays say of them."""
+    """Pixels of one eye's view, and the oracle's rays through their centres."""
 
     case: object
     view: object
@@ -72,14 +70,14 @@ class Pixels:
         with np.errstate(invalid="ignore"):
             self.error = np.where(np.isinf(rendered) & np.isinf(self.disparity), 0, np.abs(rendered - self.disparity))
         self.exact = self.error <= EXACT_PX
-        # The same instance, and the same side of an edge.
+        # The rendered surface is the one that the ray hits.
         self.same = self.exact & (self.view.instances[self.at] == self.hits.instance + 1)
 
     def cast(self, x, y):
         return cast_rays(self.scene, self.models, self.eye, x, y)
 
     def disparity_on(self, hits, x, y):
-        """The disparities at some positions of the planes that rays through others hit."""
+        """Return the disparities at (x, y) of the planes through the triangles that other rays hit."""
         depth = oracle.depth_on_planes(self.scene, self.models, self.eye, x, y, hits)
         depth[np.isin(hits.instance, np.flatnonzero(self.scene.sky))] = np.inf
         on_surface = RayHits(depth, hits.instance, hits.triangle)
@@ -87,7 +85,7 @@ class Pixels:
         return oracle.disparity_of(self.eye, way)
 
     def displaced(self, wrong):
-        """Whether pixels lie exactly on a surface that rays see within 1/16 px, or change by as much within a step."""
+        """Tell whether wrong pixels show a surface within 1/16 px, or their disparity changes as much within a step."""
         x, y, rendered = self.x[wrong], self.y[wrong], self.view.disparity[self.at][wrong].astype(float)
         dx, dy = (each.ravel() for each in np.meshgrid(*[np.linspace(-EDGE_PX, EDGE_PX, 9)] * 2))
         beside = self.cast(np.add.outer(x, dx).ravel(), np.add.outer(y, dy).ravel())
@@ -102,7 +100,7 @@ class Pixels:
 
     @cached_property
     def off_edges(self):
-        """Pixels around which rays hit the same triangle."""
+        """Mark pixels whose rays 1/16 px aside hit the same triangle."""
         same = np.ones(len(self.x), bool)
         for right, down in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
             beside = self.cast(self.x + right * EDGE_PX, self.y + down * EDGE_PX)
@@ -116,7 +114,7 @@ class Pixels:
 def check_disparity(pixels):
     wrong = np.flatnonzero(~pixels.exact)[:300]
     assert pixels.exact.mean() >= (0.9 if pixels.case.steep else pixels.case.exact)
-    # None is mixed.
+    # No disparity is a mix of two surfaces.
     assert (~pixels.displaced(wrong)).sum() <= 1
     known = pixels.off_edges & (np.abs(pixels.disparity + pixels.scene.camera.doffs_px) <= 256)
     if known.any() and not pixels.case.steep:
@@ -126,7 +124,7 @@ def check_disparity(pixels):
 
 def check_instances(pixels):
     known = pixels.same | ~pixels.exact
-    # Of surfaces at the same depth, the first one is seen.
+    # Of surfaces at the same depth, the first one is visible.
     assert known.mean() >= 0.9995
 
 
@@ -144,7 +142,7 @@ def check_normals(pixels):
     expected = oracle.normals(pixels.scene, pixels.models, pixels.eye, pixels.hits)[sure]
     found = pixels["normals"][sure].astype(float)
     seen = pixels.hits.instance[sure] >= 0
-    # The chord, since the cosine of so small an angle rounds to 1.
+    # Use the chord, since the cosine of a tiny angle rounds to 1.
     degrees = np.rad2deg(2 * np.arcsin(np.linalg.norm(found - expected, axis=1) / 2))
     assert degrees.max(initial=0) < 0.01
     assert np.abs(np.linalg.norm(found[seen], axis=1) - 1).max(initial=0) < 1e-6
@@ -152,12 +150,12 @@ def check_normals(pixels):
 
 
 def visibility(scene, models, eye, x_px, y_px, hits, *, signed=False):
-    """Return whether the other eye sees the hit points, (R,) uint8, by a second ray to each point from that eye."""
+    """Return the visibility of hit points in the other eye, (R,) uint8, by a ray from that eye to each point."""
     camera, other = scene.camera, OTHER_EYE[eye]
     position_px = np.stack([x_px, y_px], axis=1) + oracle.correspondence_px(
         camera, eye, x_px, y_px, hits, signed=signed
     )
-    # Each eye's depths are in its own camera frame.
+    # Depths are in the frame of the eye's camera.
     is_far = np.isinf(hits.depth_m)
     points = camera.rays(eye, x_px, y_px) * np.where(is_far, 1.0, hits.depth_m)[:, None]
     points[:, 0] += camera.offset_m(eye) - camera.offset_m(other)
@@ -167,7 +165,7 @@ def visibility(scene, models, eye, x_px, y_px, hits, *, signed=False):
 
 
 def flow_visibility(motion, models, eye, x_px, y_px, hits, flow_px, depth_m):
-    """Return whether an eye sees the hit points at the other moment, (R,) uint8; things that are gone are occluded."""
+    """Return the visibility of hit points at the other moment, (R,) uint8; points of missing instances are occluded."""
     mask = seen(motion.scene, models, eye, np.stack([x_px, y_px], axis=1) + flow_px, depth_m)
     visible = np.flatnonzero(mask == VISIBLE)
     mask[visible[motion.instance[hits.instance[visible]] < 0]] = OCCLUDED
@@ -175,7 +173,7 @@ def flow_visibility(motion, models, eye, x_px, y_px, hits, flow_px, depth_m):
 
 
 def seen(scene, models, eye, position_px, depth_m):
-    """Return whether an eye sees points at positions (R, 2) and depths (R,), where nothing nearer hides them."""
+    """Return the visibility of points at positions (R, 2) and depths (R,) in an eye's view, (R,) uint8."""
     size = np.array([scene.camera.width_px, scene.camera.height_px])
     where = np.flatnonzero(((position_px >= -0.5) & (position_px < size - 0.5)).all(axis=1))
     nearest_m = cast_rays(scene, models, eye, *position_px[where].T).depth_m
@@ -224,7 +222,7 @@ def check_flow(pixels):
 
 
 def check_image(pixels):
-    """The patches' ramps tell the place in the patch."""
+    """Compare colours with the ramps at the rays' UV."""
     hits, scene = pixels.hits, pixels.scene
     shown = np.flatnonzero(pixels.off_edges & (hits.instance >= 0))
     place = np.empty((len(shown), 2))
@@ -243,8 +241,7 @@ def check_image(pixels):
         uv = mesh.uv[mesh.triangles][chosen.triangle[own]].astype(float)
         uv = uv[:, 0] + weights[:, :1] * (uv[:, 1] - uv[:, 0]) + weights[:, 1:] * (uv[:, 2] - uv[:, 0])
         place[own] = uv * scene.uv_scale[number] + scene.uv_offset[number]
-    # Patches go on beyond their borders as their mirror images; near these, and where they are much smaller than
-    # pixels, colours are means.
+    # Patches repeat mirrored. Colours are means near their borders, and where a patch is much smaller than a pixel.
     folded = 1 - np.abs(place % 2 - 1)
     image = pixels["image"][shown].astype(float)
     assert np.abs(image[:, 2] - 60 * scene.layer[chosen.instance]).max(initial=0) <= 1
@@ -265,7 +262,7 @@ CHECKS = (
 @pytest.mark.parametrize("name", CASES)
 def test_every_channel_is_what_rays_say(backend, name):
     case = CASES[name]()
-    frame = drawn(case, backend)
+    frame = render(case, backend)
     for eye in EYES:
         pixels = Pixels(case, frame.view(eye), eye)
         for array in frame.view(eye).values():
@@ -277,13 +274,13 @@ def test_every_channel_is_what_rays_say(backend, name):
 @pytest.mark.one_backend
 @pytest.mark.parametrize("name", ["clutter 0", "sky, signed", "far wall, signed", "deviating", "fence"])
 def test_bands_and_crops_are_parts_of_the_whole(backend, name, monkeypatch):
-    """In whatever order they are drawn, and however many points a step's list holds."""
+    """The order of renderings and the capacity of work lists do not change the result."""
     case = CASES[name]()
-    empty = of(case.scene.camera, [])
+    empty = scene_of(case.scene.camera, [])
     nothing = replace(case, scene=empty, future=move(empty), past=move(empty))
-    whole = drawn(case, backend)
+    whole = render(case, backend)
     for most_pixels, crop in ((1 << 21, Crop(23, 31, 50, 4)), (900, None), (900, Crop(61, 3, 59, 87))):
-        # What was drawn before must be gone.
-        assert not drawn(nothing, backend).left.image.any()
+        # Render an empty scene to clear the earlier image.
+        assert not render(nothing, backend).left.image.any()
         monkeypatch.setattr(work_list_steps, "_MOST_PIXELS", most_pixels)
-        assert_equal(drawn(case, backend, crop), whole, crop)
+        assert_equal(render(case, backend, crop), whole, crop)
