@@ -1,4 +1,4 @@
-"""`bench accuracy` measures what it says: the product's own pixels, known errors."""
+"""`bench accuracy` measures rendered pixels, and finds known errors."""
 
 import json
 from dataclasses import replace

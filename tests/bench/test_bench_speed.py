@@ -1,4 +1,4 @@
-"""`bench speed` tells what it measured; how fast anything is, no test asks."""
+"""`bench speed` reports its measurements; no test depends on the speed."""
 
 import json
 

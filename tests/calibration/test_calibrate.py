@@ -1,4 +1,4 @@
-"""A config from a rig's calibration: scale, photographs, recipes, the written YAML, and the numbers in refusals."""
+"""From a rig's calibration to a config: scale, photographs, recipes, the written YAML, and messages."""
 
 from dataclasses import replace
 
@@ -85,7 +85,6 @@ def test_every_kind_of_scene_has_recipes_that_a_config_takes():
     baseline_m=st.floats(0.01, 1),
 )
 def test_scenes_of_any_range_meet_their_target(tmp_path_factory, most_px, width, size, view, baseline_m):
-    """Ranges up to 0.5 to 700 px, from 1 % to 99 % of the largest disparity wide."""
     assume(most_px * (1 - width) < size[0])
     folder = photographs(tmp_path_factory.mktemp("photos"), size=(300, 300))
     made = calibrate(
@@ -101,14 +100,14 @@ def test_scenes_of_any_range_meet_their_target(tmp_path_factory, most_px, width,
     config = load_config(write(folder, "config.yaml", made.text), {"textures": textures, "models.variants": 1})
     sources = prepare_sources(config, Split(0))
     mix = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
-    # Wide ranges outdoors come to 0.17.
+    # Wide ranges outdoors reach 0.17.
     assert total_variation(mix.expected(), config.shown_histogram()) < 0.25
     for index in range(len(mix.recipes)):
         assert len(mix.sample(index).scene) > 0
 
 
 def test_a_table_top_becomes_a_dataset_that_verifies(tmp_path, program):
-    # Noise of single pixels would differ between the views as no photograph does.
+    # Enlarge the noise: in photographs, detail is not as fine as a pixel.
     for path in photographs(tmp_path / "photos", 2, size=(320, 300)).iterdir():
         Image.open(path).resize((107, 100)).resize((320, 300)).save(path)
     (tmp_path / "maps").mkdir()
@@ -121,7 +120,7 @@ def test_a_table_top_becomes_a_dataset_that_verifies(tmp_path, program):
     assert code == 0
     config = load_config(tmp_path / "table.yaml")
     assert config.textures.large_px == 256
-    # Two surfaces and one jump a row are next to nothing floating.
+    # Maps of two surfaces with one jump per row need hardly any clutter.
     shares = {recipe.name: recipe.share for recipe in config.recipes()}
     assert shares["clutter"] == pytest.approx(0.05)
     assert f"{shares['clutter']:.0%} clutter" in out

@@ -1,4 +1,4 @@
-"""The range of disparity and its histogram: measured from maps, or chosen over a known range."""
+"""The disparity range and histogram: measured from maps, or chosen for a known range."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def test_a_sparse_map_counts_as_much_as_a_dense_one(tmp_path):
 
 
 def test_maps_of_several_sizes_count_at_the_rigs_width(tmp_path):
-    # One view at several resolutions: a ramp from 2 to 10 % of the width.
+    # The same view at several resolutions: a ramp from 2 to 10 % of the width.
     for number, (width, height) in enumerate([(40, 30), (80, 60), (100, 56), (640, 480)]):
         ramp = np.linspace(0.02 * width, 0.1 * width, width * height).reshape(height, width)
         np.save(tmp_path / f"{number}.npy", ramp)
@@ -87,7 +87,7 @@ def test_bins_are_of_one_round_width_and_hold_the_range(low, span):
         assert 0 < found.min_px <= low + 0.002 * span
         assert found.max_px >= low + 0.99 * span
         assert found.target.shares.sum() == pytest.approx(1)
-        # What a config wants beyond its own limits is refused from 2 % on.
+        # A config with 2 % of its target outside its limits would be refused.
         assert np.diff(found.target.cumulative([found.min_px, found.max_px]))[0] > 0.985
 
 
@@ -109,7 +109,7 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, beyond_px, span, bas
         farthest = -doffs_px if found.min_px <= 0 else max(-doffs_px, 0)
         known = draft(rig, found)
         scenes = known.sections["scenes"]
-        # The recipes' numbers are looked at below: a config takes much longer to read with them.
+        # Load the config with only one recipe, which is much faster.
         config = parse_config(replace(known, sections=known.sections | {"scenes": scenes[-1:]}).text())
         assert farthest < config.disparity.min_px < positive + span
         if config.background.plane:

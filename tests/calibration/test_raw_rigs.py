@@ -1,4 +1,4 @@
-"""Calibrations of cameras before rectification, beside OpenCV's rectification."""
+"""Calibrations of unrectified cameras, compared with OpenCV's rectification."""
 
 import sys
 
@@ -40,7 +40,7 @@ def test_a_reduced_rig_sees_the_same_directions():
 
 @pytest.fixture
 def place(tmp_path):
-    """Raw photographs of noise, and a calibration whose rectified images keep all of them."""
+    """Write raw photographs of noise, and a calibration whose rectified images keep all pixels (alpha = 1)."""
     save(tmp_path / "photos", one=noise(*SIZE[::-1]), other=noise(*SIZE[::-1], 1))
     stored(tmp_path / "stereo.yml", RAW | projections(alpha=1))
     return tmp_path
@@ -69,7 +69,7 @@ def test_raw_photographs_become_a_dataset_with_the_borders_of_rectified_ones(pla
         valid, border = frame.view(side).valid == 255, seen == 0
         assert border.mean() > 0.05
         assert not (border & valid).any()
-        # What is left is mixed from pixels inside and outside, in a ring up to two pixels wide.
+        # Other invalid pixels are within two pixels of the border, where OpenCV interpolates across it.
         ring = cv2.dilate(border.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         assert (~valid & ~border & ~ring).mean() < 1e-4
         assert frame.view(side).image[border].max() < 20

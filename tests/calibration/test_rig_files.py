@@ -1,4 +1,4 @@
-"""Calibration files of many tools: each gives the rig that it describes, or is refused with what to do."""
+"""Calibration files of many tools: the rig that each gives, or the message that refuses it."""
 
 import json
 import re
@@ -41,7 +41,7 @@ cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not instal
 
 POSE = np.vstack([np.column_stack([R, T]), [0, 0, 0, 1]])
 BACK = np.linalg.inv(POSE)
-# The left camera on a body that looks elsewhere, and the right one where it then stands.
+# Poses of both cameras on a body whose frame differs from the left camera's.
 BODY_LEFT = np.eye(4)
 BODY_LEFT[:3, :3], BODY_LEFT[:3, 3] = cv2.Rodrigues(np.array([0.3, -1.2, 0.4]))[0], (0.02, -0.07, 0.01)
 BODIES = BODY_LEFT, BODY_LEFT @ BACK
@@ -51,11 +51,11 @@ FIVE, FOUR, FISH = (D1, D2), (D1[:4], D2[:4]), (FISHEYE, FISHEYE)
 
 
 class Storage(dict):
-    """Values that OpenCV's own writer writes."""
+    """Values for a cv2.FileStorage."""
 
 
 def write(folder, files):
-    """Write text, values as JSON, or values by OpenCV's own writer; return the paths. Values alone are a file's."""
+    """Write files of text, JSON or cv2.FileStorage; return the paths. Names without a dot are keys of one JSON file."""
     files = files if all("." in name for name in files) else {"rig.json": files}
     for name, content in files.items():
         path = folder / name
@@ -76,7 +76,7 @@ def read(folder, files, **options):
 
 
 def check(rig, alpha=None, lens=FIVE, k=(K1, K2), turn=R, shift=T, size=SIZE, fisheye=None):
-    """A rig is what OpenCV rectifies from these arrays."""
+    """Check that a rig equals OpenCV's rectification of these arrays."""
     fisheye = lens is FISH if fisheye is None else fisheye
     rectify = cv2.fisheye.stereoRectify if fisheye else cv2.stereoRectify
     chosen = {} if alpha is None else {"balance" if fisheye else "alpha": alpha}
@@ -92,7 +92,7 @@ def check(rig, alpha=None, lens=FIVE, k=(K1, K2), turn=R, shift=T, size=SIZE, fi
         assert (raw.width_px, raw.height_px, raw.model) == (*size, "fisheye" if fisheye else "radial-tangential")
 
 
-# --- shapes in which tools and people keep a rig: the content of each file, by name ---
+# --- formats of tools and users: the content of each file, by name ---
 
 
 def vector(k):
@@ -112,7 +112,7 @@ def named(text, values=RAW):
 
 
 def eyes(make):
-    """What ``make`` returns of each eye's name, K and D, in one mapping."""
+    """Merge the mappings that ``make`` returns for each eye's name, K and D."""
     return {name: value for eye, k, d, _ in EYES for name, value in make(eye, k, d).items()}
 
 
@@ -147,7 +147,7 @@ def ros(number, model="plumb_bob"):
 
 
 def message(number, sec=0):
-    """A message as `ros2 topic echo` prints it, with the line that divides it from the next."""
+    """Return a message as `ros2 topic echo` prints it, with the line "---" after it."""
     text = f"header:\n  stamp:\n    sec: {sec}\n  frame_id: c{number}\nheight: {SIZE[1]}\nwidth: {SIZE[0]}\n"
     text += "distortion_model: plumb_bob\n" + lines({n.lower(): np.ravel(ALL[n + number]).tolist() for n in "DKRP"})
     return f"{text}binning_x: 0\nbinning_y: 0\nroi:\n  x_offset: 0\n  y_offset: 0\n  height: 0\n  width: 0\n---\n"
@@ -239,7 +239,7 @@ def basalt(kind="pinhole-radtan8", lens=FIVE):
     return {"value0": {"T_imu_cam": poses, "intrinsics": cameras, "resolution": [list(SIZE)] * 2}}
 
 
-# Poses in cm between the sockets of an OAK; devices write an empty rotation for the last camera of a chain.
+# Poses in cm between an OAK's sockets. Devices write an empty rotation for the last camera of a chain.
 RIGHT_FROM_LEFT, COLOUR_FROM_LEFT = POSE.copy(), np.eye(4)
 RIGHT_FROM_LEFT[:3, 3] *= 100
 COLOUR_FROM_LEFT[:3, 3] = -3.7, 0.1, 0.2
@@ -374,7 +374,7 @@ JOINS = {
 )
 def test_eyes_and_arrays_are_told_by_any_of_their_names(tmp_path_factory, labels, names, join, form):
     assume(join == "section" or (form == "matrices" and labels[0] in {"left", "L", "1", "0", "stereo_left"}))
-    assume(join != "section" or names["R"] != labels[1])  # one name for both
+    assume(join != "section" or names["R"] != labels[1])  # the section and R would have the same name
     rig = {}
     for label, (_, k, d, _) in zip(labels, EYES, strict=True):
         matrices, vectors = {names["K"]: k, names["D"]: d}, {"intrinsics": vector(k), names["D"]: d}
@@ -528,7 +528,7 @@ def test_cameras_that_are_rectified_already_have_no_lens(tmp_path):
     assert read(tmp_path, values | IMAGE).raw is None
 
 
-# --- what a user says of a file, and what is concluded ---
+# --- options of the user, and values derived without them ---
 
 
 def test_units_are_concluded_or_given(tmp_path):
@@ -572,7 +572,7 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
     assert rig.camera.baseline_m == pytest.approx(np.linalg.norm((pose @ POSE)[:3, 3]))
     with pytest.raises(InputError, match="swap left and right"):
         read_rig([path], cameras=("cam2", "cam0"))
-    rig = read(tmp_path, depthai("to the third"), cameras=("1", "0"))  # the device states another pair
+    rig = read(tmp_path, depthai("to the third"), cameras=("1", "0"))  # the device names another pair
     assert rig.camera.baseline_m == pytest.approx(np.linalg.norm(COLOUR_FROM_LEFT[:3, 3]) / 100)
     with pytest.raises(ReadError, match="describes no pair of cameras"):
         read_rig([path], cameras=("cam0", "cam3"))
@@ -762,7 +762,7 @@ def test_a_rectified_rig_does_without_a_lens_that_cannot_be_used(tmp_path, files
     assert any(re.search(f"the lenses were ignored: .*{words}", note) for note in rig.notes)
 
 
-# What damages a number or a name: other values, other names, and nothing.
+# Texts that replace a number or a name.
 DAMAGES = (b"nan", b".inf", b"-1", b"0", b"1e400", b'"x"', b"null", b"[]", b"true", b"-12", b"[[1],[2,3]]", b"~", b"")
 DAMAGES += (b"1e300", b"9" * 5000, b"\xff")
 

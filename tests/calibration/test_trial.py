@@ -1,4 +1,4 @@
-"""The mix that trials choose: by made-up measures, and told by a renderer that renders nothing."""
+"""The mix that trials choose, from made-up measures and with a fake renderer."""
 
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -20,20 +20,20 @@ from semisynth_gl.listener import Listener
 
 
 def place_of(**values):
-    """A place with these numbers of each measure."""
+    """Return a place with these values of some measures."""
     found = {measure.key: np.zeros(0) for measure in MEASURES}
     return found | {key: np.asarray(numbers, float) for key, numbers in values.items()}
 
 
 def around(mean, deviation):
-    """Six numbers, half of them to each side of their mean."""
+    """Return six numbers with this mean and standard deviation, three on each side of the mean."""
     return mean + deviation * np.sqrt(5 / 6) * np.array([-1.0, 1.0] * 3)
 
 
-def chosen(place, recipes=3, shares=((0.0,),), wanted=(1.0,), **values):
-    """The mix by a trial of one pair with the measures given, each of a shape that goes to (recipes, texels, blurs).
+def choose_mix(place, recipes=3, shares=((0.0,),), wanted=(1.0,), **values):
+    """Choose the mix from one pair's measures, whose arrays broadcast to (recipes, texels, blurs).
 
-    Its recipes, of which the last is clutter, show the ``shares`` of each bin, as far as they are given.
+    The first recipes show the given ``shares`` of each bin; the last recipe is clutter.
     """
     means = np.full((recipes, len(TEXELS), 1, len(BLURS), len(MEASURES)), np.nan)
     for number, measure in enumerate(MEASURES):
@@ -51,52 +51,52 @@ def of_recipes(*values):
 @pytest.mark.parametrize("weights", [(0.5, 0.3, 0.2), (0, 0.9, 0.1), (0.95, 0, 0.05), (0, 0, 1)])
 def test_a_place_that_is_a_mix_gets_its_weights(weights):
     shown = {"jumps": (1.0, 2.0, 9.0), "slant": (0.01, 0.2, 0.05), "runs": (300.0, 200.0, 30.0)}
-    # Twenty pictures, as many of each recipe's sort as it has twentieths.
+    # Twenty pictures like the recipes', in proportion to the weights.
     pictures = np.repeat(np.arange(3), np.rint(20 * np.array(weights)).astype(int))
     there = place_of(**{key: np.array(values)[pictures] for key, values in shown.items()})
-    found, _, _ = chosen(there, **{key: of_recipes(*values) for key, values in shown.items()})
+    found, _, _ = choose_mix(there, **{key: of_recipes(*values) for key, values in shown.items()})
     assert found == pytest.approx(weights)
 
 
 def test_a_mix_of_extremes_with_the_mean_of_a_place_is_not_chosen():
-    # Two thirds of steep pictures and a third of clutter have the mean, the third recipe has each picture.
-    weights, _, _ = chosen(place_of(jumps=around(2.0, 0.5)), 4, jumps=of_recipes(1.0, 4.0, 2.0, 9.0))
+    # A mix of calm and steep recipes has the place's mean, but only the third recipe is like each picture.
+    weights, _, _ = choose_mix(place_of(jumps=around(2.0, 0.5)), 4, jumps=of_recipes(1.0, 4.0, 2.0, 9.0))
     assert weights[2] > 0.8
 
 
 def test_recipes_that_are_alike_get_even_weights():
-    weights, _, _ = chosen(place_of(jumps=around(2.0, 0.5)), jumps=of_recipes(2.0, 2.0, 2.0))
+    weights, _, _ = choose_mix(place_of(jumps=around(2.0, 0.5)), jumps=of_recipes(2.0, 2.0, 2.0))
     assert sorted(weights) == pytest.approx([0.3, 0.35, 0.35])
 
 
 def test_clutter_is_in_every_mix_and_photographs_say_nothing_of_weights():
     values = {"jumps": of_recipes(1.0, 2.0, 9.0), "gradient": 10.0}
-    assert chosen(place_of(jumps=around(0.1, 0.1)), **values)[0] == pytest.approx([0.95, 0, 0.05])
-    assert chosen(place_of(gradient=[9]), **values)[0] == pytest.approx([1 / 3] * 3)
+    assert choose_mix(place_of(jumps=around(0.1, 0.1)), **values)[0] == pytest.approx([0.95, 0, 0.05])
+    assert choose_mix(place_of(gradient=[9]), **values)[0] == pytest.approx([1 / 3] * 3)
 
 
 def test_a_mix_shows_no_more_than_is_wanted_of_a_disparity():
-    # The calm recipe has the place's jumps, and three times what is wanted of the far half.
+    # The calm recipe has the place's jumps, but in two cases shows three times the wanted share of the far bin.
     known = ((0.9, 0.1), (0.1, 0.9))
     weights = []
     for shares, wanted in ((known, (0.9, 0.1)), (known, (0.3, 0.7)), ((known[0],), (0.3, 0.7))):
         place = place_of(jumps=around(1.0, 3.0))
-        found, _, _ = chosen(place, shares=shares, wanted=wanted, jumps=of_recipes(1.0, 4.0, 9.0))
+        found, _, _ = choose_mix(place, shares=shares, wanted=wanted, jumps=of_recipes(1.0, 4.0, 9.0))
         assert np.maximum(np.dot(found[: len(shares)], shares) - wanted, 0).sum() < 0.06
         weights.append(found[0])
     assert weights[0] > 0.6
-    # What it shows too much of is left to those that are solved, and to others that show other disparities.
+    # In these cases, the mix gives its weight to other recipes.
     assert max(weights[1:]) < 0.45
 
 
 def test_the_blur_is_that_at_which_detail_is_the_places():
     detail = np.array([[0.9 - 0.5 * tried for tried in BLURS]])
     for number, blur in enumerate(BLURS):
-        assert chosen(place_of(octaves=around(0.9 - 0.5 * blur, 0.01)), octaves=detail)[2] == number
+        assert choose_mix(place_of(octaves=around(0.9 - 0.5 * blur, 0.01)), octaves=detail)[2] == number
 
 
 def test_blurred_texture_is_enlarged():
-    found = chosen(place_of(gradient=around(10, 1)), gradient=np.reshape([20.0, 9.0], (1, 2, 1)))
+    found = choose_mix(place_of(gradient=around(10, 1)), gradient=np.reshape([20.0, 9.0], (1, 2, 1)))
     assert found[1] == 1
 
 
@@ -105,9 +105,9 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
     sampler = SimpleNamespace(disparity_solver=SimpleNamespace(expected=lambda: expected))
 
     def renderer(config, _):
-        """Renders the recipes in turn; a pair shows its recipe's name and the number of its turn."""
+        """Return a fake renderer whose pairs encode the recipe's name and the pair's number in it."""
         recipes = config.recipes()
-        for each in (recipe.config for recipe in recipes):  # those without layers are solved for the target
+        for each in (recipe.config for recipe in recipes):  # the solver needs a target for recipes without layers
             assert (each.disparity.target.form == "histogram") == (each.particles.layers is None)
 
         def render(number, checked):
@@ -137,7 +137,7 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
         for scale, of_scale in enumerate(values):
             first = 10 * sum(f"{scene['recipe']}-{scale}".encode())
             assert [each[0, 0] for each in of_scale] == [first, first + 1, first + 2]
-    # Recipes without weight go, and the blur is scaled from the working width to the rig's.
+    # The draft drops recipes of weight 0, and scales the blur from the working width to the rig's.
     assert after.sections["scenes"] == [scenes[0] | {"weight": 0.25}, scenes[1] | {"weight": 0.75}]
     assert after.sections["textures"] == before.sections["textures"] | {"texels_per_pixel": [*TEXELS[1]]}
     assert after.sections["imperfections"]["blur_px"] == pytest.approx(BLURS[3] * 741 / working_width(741), rel=0.05)

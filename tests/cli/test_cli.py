@@ -1,4 +1,4 @@
-"""The command line as a script sees it: output, files, messages, exit codes."""
+"""The command line: output, files, messages, exit codes."""
 
 import json
 import signal

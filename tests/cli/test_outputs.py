@@ -1,4 +1,4 @@
-"""Files and datasets that commands write: where they may be."""
+"""Where commands may write files and datasets."""
 
 import shutil
 from contextlib import nullcontext
@@ -16,7 +16,7 @@ from semisynth_gl.inputs.errors import InputError
 
 PLAIN = "--focal-px 700 --baseline-m 0.12 --size 64x48 --range-px 1 8 --other-camera --trials 0"
 SMALL = "--set camera.width_px=64 --set camera.height_px=48 --set models.variants=1 --set models.complex=0"
-# Each option that writes a file, behind the command that has it.
+# Commands that end with an option that writes a file, and the file's extension.
 COMMANDS = {
     "evaluate --pred {home}/pred --gt {home}/gt --json": ".json",
     f"preview --config sceneflow --images {{home}}/photos --pairs 1 {SMALL} --out": ".png",
@@ -27,7 +27,7 @@ COMMANDS = {
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
-    """A folder with photographs, a dataset, predictions and their truth."""
+    """Make a folder with photographs, a dataset, predictions and their truth."""
     folder = tmp_path_factory.mktemp("home")
     save(folder / "photos", one=noise(300, 300), other=noise(300, 300, 1))
     generate(cheap(textures={"source": "procedural", "max_patches": 16}), folder / "set", 2, 0, layout="middlebury")
@@ -47,7 +47,7 @@ def test_a_file_is_replaced_and_what_cannot_be_one_is_refused_first(program, hom
             assert_refused(program(*words, path), option, path)
     path = tmp_path / f"x{ending}"
     path.write_bytes(b"mine")
-    if command.startswith("calibrate"):  # somebody may have changed a config
+    if command.startswith("calibrate"):  # users edit configs
         assert_refused(program(*words, path), option, path, "--overwrite")
         assert path.read_bytes() == b"mine"
         words.insert(-1, "--overwrite")

@@ -152,7 +152,7 @@ def test_the_callers_values_stay_as_they_are(overrides):
     assert given == {"disparity": {"min_px": 15, "max_px": 290}, "disparity.max_px": 300}
 
 
-# Faults of several keys, and of keys that another key was meant for
+# Faults that involve several keys
 
 PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
 
@@ -181,9 +181,9 @@ PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
         ("kitti", ["disparity.target={form: uniform, low_px: -99, high_px: 50}"], "disparity.target: .* pixels below"),
         ("kitti", ["background={plane: 1, street: 0, plane_disparity_px: 0}", "scenes=[]"],
          "background.plane_disparity_px: .* goes down to 0 px"),
-        # Once, not for each recipe.
+        # The message comes once, not for each recipe.
         ("kitti", ["camera=null", "scenes=[{recipe: a, camera: {baseline_m: 1}}]"], "camera: .*, got None$"),
-        # A recipe of the packaged config.
+        # The other key is in a recipe of the packaged config.
         ("middlebury", ["disparity.target={form: uniform, high_px: 99}", "disparity.max_px=100"],
          rf"disparity.max_px: structures.* \(with scenes.1.structures.ground_disparity_px of {PACKAGED}\)"),
         ("kitti", ["disparity.max_px=30", "disparity.target={form: gamma, mean_px: 9, spread_px: 5}",

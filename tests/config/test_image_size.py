@@ -1,4 +1,4 @@
-"""Another size of images than a config was written for: the scenes stay what they are, or the view is cut."""
+"""Changing a config's image size: ``scale`` keeps the scenes, and new camera keys crop the view."""
 
 from pathlib import Path
 
@@ -12,12 +12,12 @@ from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import Split
 
-# A config with every key that is in pixels of an image.
+# A config with every key that is in image pixels.
 ALL_IN_PIXELS = Path(__file__).resolve().parents[1] / "data" / "all-in-pixels.yaml"
 
 
 def leaves(values, key=()):
-    """The values of a config that are no sections and no lists, by their keys."""
+    """Yield the scalar values of a config with their paths of keys."""
     for name, value in values.items() if isinstance(values, dict) else enumerate(values):
         if isinstance(value, dict | list):
             yield from leaves(value, (*key, name))
@@ -57,7 +57,7 @@ def test_all_that_is_in_pixels_of_an_image_is_scaled(name, factor):
     ],
 )
 def test_scenes_stay_what_they_are_at_another_resolution(tmp_path, name, factor, keys):
-    # Keys of a file that is scaled, unlike those beside a scale, are in pixels of the size before.
+    # Keys in the scaled file are in pixels of the original size; keys beside ``scale`` are in pixels of the new size.
     particles = "particles.layers=[{disparity_px: [10, 80], count: 30}]"
     base = load_config(name, [*keys, particles, "disparity.target={form: uniform}", "models={variants: 1, complex: 0}"])
     (tmp_path / "base.yaml").write_text(str(base.model_dump(mode="json", exclude_none=True)))
@@ -98,7 +98,7 @@ def test_a_scale_that_cannot_be_is_refused(tmp_path, text, said):
         load_config(tmp_path / "lab.yaml")
 
 
-# Keys that go over a camera of 1280 x 720 with the focal length 900 px and the points (650, 640, 350), and its points.
+# Keys that override a camera of 1280 x 720 px with principal points (650, 640, 350), and the resulting points.
 CUTS = [
     ({"width_px": 640}, (330, 320, 350)),
     ({"width_px": 640, "height_px": 360}, (330, 320, 170)),

@@ -1,4 +1,4 @@
-"""Every number of a config and of the command line has limits."""
+"""Every number in configs and on the command line has limits."""
 
 import math
 import typing
@@ -14,7 +14,7 @@ DIGITS = "9" * 5000
 
 
 def sections_below(annotation):
-    """All sections that an annotation has, with those that their keys have."""
+    """Return all sections of an annotation, and the sections below them."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         keys = [field.annotation for field in annotation.model_fields.values() if field.annotation is not Config]
         return {annotation}.union(*map(sections_below, keys))
@@ -30,7 +30,7 @@ FIELDS = [(section, name, field) for section in sections_below(Config) for name,
 
 
 def is_refused(section, name, value):
-    """Whether a section refuses a value of a key alone, in lists and in a mapping."""
+    """Tell whether a section refuses a key's value as it is, in lists and in a mapping."""
     for shape in (value, [value], {"chair": value}, [value, value]):
         try:
             section.model_validate({name: shape})
@@ -59,7 +59,7 @@ def commands(group=semisynth_gl):
 
 
 def test_every_whole_number_of_the_command_line_has_limits():
-    """tests/calibration/test_calibrate.py tests fractions."""
+    """tests/calibration/test_calibrate.py tests the other numbers."""
     types = [(parameter.opts[0], parameter.type) for command in commands() for parameter in command.params]
     parts = [(name, part) for name, kind in types for part in getattr(kind, "types", [kind])]
     numeric = [(name, part) for name, part in parts if isinstance(part, click.types.IntParamType)]

@@ -1,4 +1,4 @@
-"""YAML as plain values with lines, and the texts that are refused."""
+"""YAML as plain values with line numbers, and refused texts."""
 
 import math
 
@@ -10,7 +10,7 @@ from semisynth_gl.config import load_config
 from semisynth_gl.config.yaml_values import MOST_BYTES, YamlError, read_yaml
 from semisynth_gl.inputs.errors import InputError
 
-# Texts, and the line of the fault, None where it is unknown.
+# Texts, and the line of the fault or None.
 TRAPS = {
     "alias to itself": ("a: &a [*a]", 1),
     "a glob without quotes": ("\nimages: [*.jpg]", 2),

@@ -20,7 +20,7 @@ FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
 NAME = "tiny-train-x"
 
 
-def written(folder, layout, config=None):
+def write(folder, layout, config=None):
     """Write five training pairs and a test pair; return the plan and the index in JSON's types."""
     write_dataset(folder, layout, {"train": 5, "test": 1}, 2, config or config_of(name=NAME))
     return read_index(folder).plan, json.loads((folder / "index.json").read_text())
@@ -37,7 +37,7 @@ def test_load_dataset_reads_every_image_and_nothing_else(layout, tmp_path, monke
     datasets = pytest.importorskip("datasets")
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     outputs = ["visibility", "instances", "flow"]
-    plan, _ = written(tmp_path / "o", layout, config_of(name=NAME, outputs=outputs, sequence={"length": 2}))
+    plan, _ = write(tmp_path / "o", layout, config_of(name=NAME, outputs=outputs, sequence={"length": 2}))
     front, _ = front_of((tmp_path / "o/README.md").read_bytes())
     names = [config["config_name"] for config in front["configs"]]
     # `datasets` would read KITTI's flow, 16-bit RGB, with 8 bits.
@@ -85,7 +85,7 @@ def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout, length, v
 )
 def test_the_front_matter_is_what_a_hub_wants(tmp_path, licence, known, name):
     rights = {"dataset": licence, "images": licence, "models": "unknown"}
-    plan, index = written(tmp_path, "webdataset", config_of(name=NAME, licences=rights))
+    plan, index = write(tmp_path, "webdataset", config_of(name=NAME, licences=rights))
     front, body = front_of(encode_card(plan, index))
     assert (front["license"], front.get("license_name")) == (known, name)
     assert front["task_categories"] == ["depth-estimation"]

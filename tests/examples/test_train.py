@@ -128,7 +128,7 @@ def checked(done):
     return done.output
 
 
-def refused(done, words):
+def is_refused(done, words):
     """Tell whether a command ended with an error message with these words, without a traceback."""
     said = done.output.rpartition("Error: ")[2]
     return (done.exit_code, words in said, "Traceback" in done.output) == (2, True, False)
@@ -140,7 +140,7 @@ def started(*arguments, **environment):
     return subprocess.Popen(words, env=os.environ | environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
 
-def left_in(folder):
+def checkpoint_of(folder):
     return torch.load(folder / "checkpoint.ckpt", weights_only=True)
 
 
@@ -312,8 +312,8 @@ def test_code_in_a_checkpoint_is_not_run(dataset, tmp_path):
     torch.save({"state_dict": Evil(), "hyper_parameters": {"network": Evil()}}, path)
     images = ("--left", dataset, "--right", dataset, "--out", tmp_path / "out")
     trained = run(*LEARNT, *CROP, "--data", dataset, "--pretrained", path, "--out", tmp_path / "out")
-    assert refused(trained, "evil.ckpt: expected weights of this network, and no code")
-    assert refused(run(path, *images, command=predict.main), "evil.ckpt: expected a checkpoint of train.py")
+    assert is_refused(trained, "evil.ckpt: expected weights of this network, and no code")
+    assert is_refused(run(path, *images, command=predict.main), "evil.ckpt: expected a checkpoint of train.py")
     assert not Path(Evil.path).exists()
 
 
@@ -339,10 +339,10 @@ def test_the_command_trains_judges_tunes_and_resumes(dataset, tmp_path):
     assert f"step 0: {dataset}: avgerr {mean:.2f} px" in output
     tuned = tmp_path / "tuned"
     checked(run(*options, tuned, "--pretrained", tmp_path / "out" / "checkpoint.ckpt"))
-    assert left_in(tuned)["state_dict"]["network.number"] != 3
-    assert refused(run(*options, tuned), "checkpoint.ckpt: exists: add --resume")
+    assert checkpoint_of(tuned)["state_dict"]["network.number"] != 3
+    assert is_refused(run(*options, tuned), "checkpoint.ckpt: exists: add --resume")
     checked(run(*options, tuned, "--resume"))
-    assert left_in(tuned)["global_step"] == 3
+    assert checkpoint_of(tuned)["global_step"] == 3
 
 
 def test_a_killed_training_goes_on_as_if_nothing_had_happened(dataset, tmp_path, monkeypatch):
@@ -350,19 +350,19 @@ def test_a_killed_training_goes_on_as_if_nothing_had_happened(dataset, tmp_path,
     options, every = (*LEARNT, *CROP, "--data", dataset, "--steps", 8, "--workers", 1), 4
     monkeypatch.setenv("SEEN", str(tmp_path / "undisturbed"))
     checked(run(*options, "--every", 8, "--out", tmp_path / "whole"))
-    seen, whole = (tmp_path / "undisturbed0").read_text().split(), left_in(tmp_path / "whole")
+    seen, whole = (tmp_path / "undisturbed0").read_text().split(), checkpoint_of(tmp_path / "whole")
     assert len({*seen}) == 16  # each epoch samples other crops and augmentations
     options += ("--every", every, "--out", tmp_path / "out")
     with started(*options, SEEN=str(tmp_path / "killed"), HANGS_AFTER="10") as begun:
         while begun.poll() is None and not (tmp_path / "killed0.hangs").exists():
             time.sleep(0.02)
         begun.send_signal(signal.SIGKILL)
-    assert (begun.returncode, left_in(tmp_path / "out")["global_step"]) == (-signal.SIGKILL, every)
+    assert (begun.returncode, checkpoint_of(tmp_path / "out")["global_step"]) == (-signal.SIGKILL, every)
     monkeypatch.setenv("SEEN", str(tmp_path / "resumed"))
     checked(run(*options, "--resume"))
     # The resumed training takes the remaining samples, and ends with the same state bit for bit.
     assert (tmp_path / "resumed0").read_text().split() == seen[2 * every :]
-    resumed = left_in(tmp_path / "out")
+    resumed = checkpoint_of(tmp_path / "out")
     assert resumed["global_step"] == whole["global_step"] == 8
     assert resumed["lr_schedulers"] == whole["lr_schedulers"]
     assert all(torch.equal(value, resumed["state_dict"][name]) for name, value in whole["state_dict"].items())
@@ -396,7 +396,7 @@ def test_what_cannot_be_followed_is_refused_in_a_sentence(arguments, words, data
     monkeypatch.chdir(tmp_path)
     data = () if "--data" in arguments else ("--data", dataset)
     done = run(*LEARNT, *CROP, "--steps", 1, *data, *arguments)
-    assert refused(done, words), done.output
+    assert is_refused(done, words), done.output
 
 
 # --- real pairs ---
@@ -448,9 +448,11 @@ def test_the_trained_network_predicts_pairs(dataset, tmp_path):
         np.testing.assert_array_equal(PFM.decode((folder / "two.pfm").read_bytes(), folder), disparity)
     assert PFM.decode((found / "one.pfm").read_bytes(), found).shape == (40, 96)
     Image.fromarray(frame.left.image[:50]).save(scenes / "two" / "im0.png")
-    assert refused(predicted(), "two/im1.png: has (64, 96) px, ")
-    assert refused(predicted(left="one/im0.png"), "expected as many images of each, got 1 and 2")
-    assert refused(predicted(left="absent"), "no image matches")
-    assert refused(predicted("--network", "their_networks:Learnt"), "of train.py with --network their_networks:Learnt")
+    assert is_refused(predicted(), "two/im1.png: has (64, 96) px, ")
+    assert is_refused(predicted(left="one/im0.png"), "expected as many images of each, got 1 and 2")
+    assert is_refused(predicted(left="absent"), "no image matches")
+    assert is_refused(
+        predicted("--network", "their_networks:Learnt"), "of train.py with --network their_networks:Learnt"
+    )
     torch.save(module.network.state_dict(), weights)
-    assert refused(predicted(), "expected a checkpoint of train.py")
+    assert is_refused(predicted(), "expected a checkpoint of train.py")

@@ -23,11 +23,11 @@ from semisynth_gl.seeds.splits import SPLITS, Split
 
 KINDS = {**SIMPLE_KINDS, **COMPLEX_KINDS}
 SEEDS = range(4)
-# The only ones that are the same every time.
+# Kinds that do not vary at random.
 CONSTANT = {"cube", "sphere"}
-# Those with leaves, blades or cloth: sheets without thickness. Some umbrellas are thick.
+# Kinds with leaves, blades or cloth: sheets without thickness.
 WITH_SHEETS = {"potted_plant", "grass", "flower", "fan", "curtain", "cloth"}
-# Tubes that bend: lengths on the inside and outside of a bend are those of its middle.
+# Bent tubes, whose UV has the lengths of the centre line on the inside and outside of a bend.
 BENT = {"pipe_run", "cactus", "chain", "cable", "flat_coil", "spring", "torus_knot", "hook_rail"}
 
 
@@ -66,7 +66,7 @@ def test_texture_lies_true_and_is_not_mirrored(kind: str) -> None:
         assert p95 < (1.3 if kind in BENT else 1.11)
         if kind in SIMPLE_KINDS:
             assert worst.max() < 1.11
-        # v runs downwards, so that seen from outside u and v turn against the normal
+        # v points downwards, so (u, v) is left-handed seen from outside.
         assert (np.linalg.det(jacobians(mesh)) < 0).all()
 
 
@@ -83,7 +83,7 @@ def test_closed_parts_face_outwards_and_kinds_without_sheets_are_solid(kind: str
 
 @pytest.mark.parametrize("kind", ["blob", "figure", "animal", "cushion"])
 def test_soft_bodies_are_in_one_piece_without_pinches(kind: str) -> None:
-    """Where four triangles meet at an edge, none knows its neighbour, and masks cannot follow the surface."""
+    """Masks cannot trace a surface across an edge of four triangles."""
     for seed in range(8):
         mesh = built(kind, seed)
         assert (edge_sharing(mesh) == 2).all()
@@ -139,7 +139,7 @@ def test_handles_are_as_many_as_the_things_have() -> None:
 def test_open_vessels_are_hollow() -> None:
     for kind in ("vase", "mug", "goblet", "bowl_stack"):
         mesh = built(kind, 0)
-        # from above, off the axis: the inner floor, the foot below it, and for the goblet or bowls more of both
+        # A ray from above, off the axis, hits the inner floor and the foot; in goblets and bowls, more surfaces.
         hits = crossings(mesh, np.array([0.05, 0.03, 0.9]), np.array([0.0, 0, -1]))
         assert hits >= 2
         assert hits % 2 == 0

@@ -1,4 +1,4 @@
-"""Models from files: what is read, what is refused with a reason, and what a stranger's file cannot take."""
+"""Model files: those that load, those that are skipped with a reason, and what untrusted files cannot read."""
 
 import io
 import json
@@ -60,7 +60,7 @@ def zipped(**members: str | bytes) -> bytes:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder with one good model, so that broken ones next to it are skipped and not the end."""
+    """Write one good model, so that broken ones beside it are skipped instead of being an error."""
     write(tmp_path, "good.obj", SQUARE + "f 1 2 3\nf 1 3 4\n")
     return tmp_path
 
@@ -160,10 +160,10 @@ EYE = "vt 0 0\nvt .3 0\nvt .3 .3\nvt 0 .3\nvt 0 0\nvt 1 0\nvt 1 1\n"
 @pytest.mark.parametrize(
     ("content", "drawn_out"),
     [
-        (WIDER + EYE + FACES + "f 2/5 5/6 6/7\n", [1, 1, 10]),  # few triangles with much of the map set no scale
+        (WIDER + EYE + FACES + "f 2/5 5/6 6/7\n", [1, 1, 10]),  # a small area does not set the scale
         (SQUARE + "vt 0 0\nvt 1 0\nvt 1 0\nvt 0 0\n" + FACES, [1, 1]),  # collapsed
         (SQUARE + "vt nan 0\nvt inf 0\nvt 1 1\nvt 0 1\n" + FACES, [1, 1]),
-        # A triangle without UV among others.
+        # One triangle has no UV.
         (WIDER + "vt 0 0\nvt 9 0\nvt 9 9\nvt 0 9\nvt 5 5\n" + FACES + "f 2/5 5/5 3/5\n", [1, 1, 1]),
     ],
 )
@@ -183,13 +183,13 @@ def test_place_and_size_do_not_matter(folder: Path, offset: float, scale: float)
     (folder / "good.obj").write_text("\n".join(lines))
     mesh = one(folder)
     half = np.sqrt(1 + 4 + 9) / 2
-    # 1e9 + 1 has 7 decimals left in float64
+    # In float64, 1e9 + 1 keeps 7 decimals.
     assert volume(mesh) == pytest.approx(6 / half**3, rel=1e-5)
     assert areas(mesh).min() > 0.1
 
 
-def placed(path: Path, nodes: list[dict[str, object]], roots: list[int]) -> None:
-    """One triangle, placed by nodes."""
+def write_nodes(path: Path, nodes: list[dict[str, object]], roots: list[int]) -> None:
+    """Write a file of one triangle that nodes place."""
     path.write_bytes(gltf(DATA, nodes=nodes, scene=0, scenes=[{"nodes": roots}]))
 
 
@@ -200,15 +200,15 @@ def test_nested_nodes_place_their_parts(tmp_path: Path) -> None:
         {"mesh": 0, "translation": [0, 3, 0]},
         {"mesh": 0},
     ]
-    placed(tmp_path / "nested.gltf", nodes, [0, 3])
+    write_nodes(tmp_path / "nested.gltf", nodes, [0, 3])
     mesh = one(tmp_path)
     found = np.unique(np.round(mesh.positions * 5 + (3, 4, 0), 4), axis=0)
-    # one triangle where it is, one doubled about (0, 3, 0) and moved by 4: the box is 6 x 8, its radius 5
+    # One triangle is at the origin; one is doubled about (0, 3, 0) and moved by 4. Their box is 6 x 8, with radius 5.
     assert found.tolist() == [[0, 0, 0], [0, 1, 0], [1, 0, 0], [4, 6, 0], [4, 8, 0], [6, 6, 0]]
 
 
 def test_mirrored_nodes_keep_their_outside(tmp_path: Path) -> None:
-    placed(tmp_path / "mirrored.gltf", [{"mesh": 0, "scale": [-1, 1, 1]}], [0])
+    write_nodes(tmp_path / "mirrored.gltf", [{"mesh": 0, "scale": [-1, 1, 1]}], [0])
     mesh = one(tmp_path)
     corners = mesh.positions[mesh.triangles[0]]
     assert np.cross(corners[1] - corners[0], corners[2] - corners[0])[2] > 0
@@ -217,7 +217,7 @@ def test_mirrored_nodes_keep_their_outside(tmp_path: Path) -> None:
 
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
-    """A folder of models, with what a file there may refer to and what it may not."""
+    """Make a folder of models, with files inside and outside that models may or may not refer to."""
     for name in ("outside/secret.bin", "secret.bin", "home/own.bin"):
         write(tmp_path, name, TRIANGLE)
     write(tmp_path / "home", "below/own.bin", TRIANGLE)
@@ -361,15 +361,15 @@ def test_real_models(capfd: pytest.CaptureFixture[str]) -> None:
     for mesh in meshes:
         assert mesh.radius == pytest.approx(1, abs=1e-6)
         assert areas(mesh).min() > 0
-        # half of the surface is textured finer than true, half coarser
+        # the median scale of the texture over the surface is 1
         scale = np.sqrt(np.abs(np.linalg.det(jacobians(mesh))))
         order = np.argsort(scale)
         share = np.cumsum(areas(mesh)[order])
         assert scale[order][np.searchsorted(share, share[-1] / 2)] == pytest.approx(1, abs=0.15)
     for name in ("cycloidal.ply", "busted.STL", "teapot.obj", "alligator.obj", "large_block_obb.STL", "nancolor.obj"):
         assert stretch(found[name]).max() < 1.01 * STRETCH_BOUND
-    # its 12 triangles survive although it stands 22,700 units off
+    # its 12 triangles survive although it is 22,700 units from the origin
     assert len(found["large_block_obb.STL"].triangles) == 12
-    # its parts with and without UV: 3644 triangles less those without area
+    # its parts with and without UV have 3644 triangles, some without area
     assert 3600 < len(found["CesiumMilkTruck.glb"].triangles) <= 1744 + 56 + 2 * 288 + 768 + 768
     assert len(found["Duck.glb"].positions) < 1.2 * 2399

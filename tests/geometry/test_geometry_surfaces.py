@@ -36,19 +36,19 @@ def test_every_frustum_unrolls_exactly(bottom: float, top: float, height: float,
     st.lists(st.floats(0.05, 0.5), min_size=12, max_size=12),
     st.integers(24, 48),
 )
-# Slopes that alternate within a band whose radii one cone fits.
+# The slopes alternate within a band, but one cone fits the radii.
 @example(
     radii=[0.99446, 0.27994, 0.23044, 0.97164, 0.89656],
     steps=[0.05, 0.0625, 0.125, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05],
     sides=24,
 )
-# Slopes that a wide cone fits, but not its facets.
+# One wide cone fits the slopes, but its facets do not.
 @example(radii=[0.4375, 0.8515625, 0.78125, 0.75], steps=[0.5, 0.125, 0.0625, 0.5, *[0.5] * 8], sides=24)
 @settings(max_examples=40, deadline=None)
 def test_lathe_keeps_its_bound_on_any_profile(radii: list[float], steps: list[float], sides: int) -> None:
     profile = np.column_stack([radii, np.cumsum(steps)[: len(radii)]])
     around = stretch(lathe(profile, sides))
-    # a facet that is not quite the cone's own adds a little to the bound around the axis
+    # a facet that deviates from the cone exceeds the bound a little
     assert around.max() < 1.06 * BAND_STRETCH
     closed = lathe([(0, profile[0, 1]), *profile, (0, profile[-1, 1])], sides)
     assert edge_balance(closed) == 0
@@ -63,7 +63,7 @@ def test_hollow_vessel_has_the_wall_it_was_asked_for(radii: list[float], wall: f
     outside[:, 0] = np.maximum(outside[:, 0], 0.15)
     profile = hollow(outside, wall)
     inner = profile[len(outside) + 2 : -2]
-    # every inner point is one wall away from the outer line, on its inside
+    # Every inner point is one wall thickness inside the outer line.
     start, step = outside[:-1], np.diff(outside, axis=0)
     share = np.clip(((inner[:, None] - start) * step).sum(axis=2) / (step**2).sum(axis=1), 0, 1)
     distance = np.linalg.norm(inner[:, None] - start - share[..., None] * step, axis=2).min(axis=1)

@@ -1,4 +1,4 @@
-"""Which models are solid, and that nothing is lost where only their fronts are drawn."""
+"""Which models are solid, and that drawing only their front faces loses nothing."""
 
 from copy import deepcopy
 from dataclasses import replace
@@ -19,7 +19,7 @@ KINDS = SIMPLE_KINDS | COMPLEX_KINDS
 CORNERS = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 FAR = np.add(CORNERS, 5)
-SPLIT = [CORNERS[vertex] for triangle in OUTWARD for vertex in triangle]  # as for their texture
+SPLIT = [CORNERS[vertex] for triangle in OUTWARD for vertex in triangle]  # with a vertex per corner, as UV needs it
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ SPLIT = [CORNERS[vertex] for triangle in OUTWARD for vertex in triangle]  # as f
         ([(OUTWARD, CORNERS), (OUTWARD, FAR)], True),
         ([(OUTWARD[1:], CORNERS)], False),  # a side is missing
         ([(np.flip(OUTWARD, axis=1), CORNERS)], False),  # inside out
-        ([([OUTWARD[0][::-1], *OUTWARD[1:]], CORNERS)], False),  # one side turned round
+        ([([OUTWARD[0][::-1], *OUTWARD[1:]], CORNERS)], False),  # one side flipped
         ([(OUTWARD, CORNERS), (np.flip(OUTWARD, axis=1), FAR)], False),
     ],
 )
@@ -39,19 +39,16 @@ def test_surfaces_are_solid_whose_parts_are_all_closed_and_wound_outwards(parts,
     assert is_solid(merged("m", meshes)) == solid
 
 
-@pytest.fixture(scope="module", params=[(False, 11), (True, 13)], ids=["all but those", "soft and outdoors"])
+@pytest.fixture(scope="module", params=[(False, 11), (True, 13)], ids=["others", "soft and outdoors"])
 def all_kinds(request):
-    """A model of each kind of a group, and the generator as it is afterwards.
-
-    Each group has a scene of its own, so that a further group changes no scene of the others.
-    """
+    """Build a model of each kind of a group; also return the generator in its state afterwards."""
     are_later, seed = request.param
     rng = np.random.default_rng(seed)
     later = {kind for kind in COMPLEX_KINDS if hasattr(soft, kind) or hasattr(outdoors, kind)}
     return [marked_solid(build(rng)) for name, build in KINDS.items() if (name in later) == are_later], rng
 
 
-# At 0.7 m the near plane cuts models open, whose insides are then seen.
+# A near plane at 0.7 m cuts models open, so that their insides are visible.
 @pytest.mark.parametrize(("mirrored", "near_m"), [(False, 0.01), (True, 0.01), (False, 0.7), (True, 0.7)])
 def test_drawing_fronts_only_changes_no_pixel(open_renderer, all_kinds, mirrored, near_m):
     models, rng = deepcopy(all_kinds)
@@ -68,7 +65,7 @@ def test_drawing_fronts_only_changes_no_pixel(open_renderer, all_kinds, mirrored
     both = open_renderer([replace(mesh, solid=False) for mesh in models], noise_layers(1, 16)).render(scene)
     for eye, name in product(EYES, ("image", "disparity", "visibility")):
         differs = fronts.view(eye)[name] != both.view(eye)[name]
-        # Along a silhouette front and back meet: one of them may come out nearer by what float32 rounds.
+        # Front and back faces meet at silhouettes, where float32 rounding decides which is nearer.
         assert differs.sum() <= 4, name
     for eye in EYES:
         np.testing.assert_allclose(fronts.view(eye).disparity, both.view(eye).disparity, atol=0.01, err_msg=eye)

@@ -17,7 +17,7 @@ def test_no_triangle_is_stretched_beyond_the_bound(values: tuple[float, ...]) ->
         return
     mesh = project_uv("m", corners, [(0, 1, 2)])
     assert stretch(mesh)[0] <= STRETCH_BOUND + 1e-3
-    assert np.linalg.det(jacobians(mesh))[0] < 0  # v downwards: not mirrored
+    assert np.linalg.det(jacobians(mesh))[0] < 0  # v points downwards: not mirrored
 
 
 def test_sphere_reaches_the_bound_and_keeps_its_surface() -> None:

@@ -1,4 +1,4 @@
-"""Models from the positions and triangles of other programs."""
+"""Models from positions and triangles of other programs."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from semisynth_gl.inputs.errors import InputError
 
 
 def test_a_model_is_scaled_and_gets_uv_in_its_units():
-    # No triangle has the last corner, and two triangles have no area.
+    # No triangle uses the last corner, and two triangles have no area.
     corners = np.array([[0, 0, 5], [30, 0, 5], [30, 40, 5], [0, 40, 5], [15, 0, 5], [9e8, 9e8, 9e8]])
     triangles = [[0, 1, 2], [0, 2, 3], [0, 0, 1], [0, 1, 4]]
     for uv in (None, corners[:, :2] / 7, np.zeros((6, 2))):

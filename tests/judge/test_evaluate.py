@@ -1,4 +1,4 @@
-"""The command evaluate: pairing of files, tables, JSON, error maps, views against each other, and what it refuses."""
+"""The command evaluate: matching of files, tables, JSON, error maps, left-right consistency, and refused inputs."""
 
 import json
 import re
@@ -43,12 +43,12 @@ def kitti(tmp_path_factory):
 
 @pytest.fixture
 def run(program):
-    """Run the command: exit code, standard output and error."""
+    """Return a function that runs the command."""
     return lambda pred, gt, *options: program("evaluate", "--pred", pred, "--gt", gt, *options)
 
 
 def save(path, values):
-    """Write a map as .pfm, .npy (as networks do, with axes of batch and channel) or .png."""
+    """Write a map as .pfm, .npy (with axes of batch and channel, as networks do) or .png."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".npy":
         np.save(path, values[None, None].astype(np.float64))
@@ -61,7 +61,7 @@ def ramp(least=5.0):
 
 
 def scenes(folder, names, *, isint=0, ndisp=64):
-    """Scenes as MiddEval3 has them, their left six columns occluded and the first row without truth."""
+    """Write scenes as in MiddEval3, with the left six columns occluded and the first row without truth."""
     mask = np.full(SHAPE, 255, np.uint8)
     mask[:, :6] = 128
     for number, name in enumerate(names):
@@ -121,7 +121,7 @@ def test_kitti_names_holes_and_objects(kitti, tmp_path):
     shares = [each["figures"]["all"]["D1-all"] for each in found["images"]]
     assert figures["D1-all"] == pytest.approx(np.average(shares, weights=judged))
     assert min(figures["D1-bg"], figures["D1-fg"]) <= figures["D1-all"] <= max(figures["D1-bg"], figures["D1-fg"])
-    # The same files by their folder alone, as anyone's KITTI.
+    # Copy the folder without the plan, as a KITTI dataset from elsewhere.
     foreign = shutil.copytree(kitti / "training", tmp_path / "foreign" / "training").parent
     again = evaluate(tmp_path / "pred", foreign)
     assert [each["name"] for each in again["images"]] == ["000000_10", "000001_10"]
@@ -133,7 +133,7 @@ def test_one_split_has_plain_names(middlebury, tmp_path):
     save(tmp_path / "pred" / f"{frame.name}.pfm", frame.left.disparity)
     found = evaluate(tmp_path / "pred", middlebury, split="validation")
     assert [each["name"] for each in found["images"]] == [frame.name]
-    # Over all splits the name is two pairs'.
+    # Over all splits, two pairs have this name.
     with pytest.raises(InputError, match="no prediction for 3 of 3 pairs"):
         evaluate(tmp_path / "pred", middlebury)
 
@@ -149,7 +149,7 @@ def test_middlebury_scenes_with_results_beside_the_truth(run, tmp_path):
         save(gt / name / "disp0MINE.pfm", guess)
     table = [line.split() for line in run(gt, gt).out.splitlines()]
     heading = next(words for words in table if "avgerr" in words)
-    # The first of the two tables is that of all pixels.
+    # The first of two tables is for all pixels.
     rows = {
         " ".join(words[: -len(heading)]): dict(zip(heading, words[-len(heading) :], strict=True))
         for words in reversed(table)
@@ -157,7 +157,7 @@ def test_middlebury_scenes_with_results_beside_the_truth(run, tmp_path):
     }
     assert rows["Piano"]["invalid"] == rows["Piano"]["bad-1"] == f"{100 * 3 / 570:.4g}"
     assert rows["Playtable"]["bad-2"] == "100"
-    # Playtable weighs half.
+    # Playtable has half the weight.
     assert rows["all pairs"]["avgerr"] == f"{(0.75 + 0.5 * 4) / 1.5:.4g}"
 
 
@@ -174,12 +174,12 @@ def test_sizes_isint_and_ndisp_of_middlebury(tmp_path):
 
 
 def test_a_picture_beside_a_prediction_is_no_prediction(tmp_path):
-    # So does RAFT-Stereo's demo leave its results.
+    # RAFT-Stereo's demo writes such files.
     gt = scenes(tmp_path / "gt", ["Teddy"])
     save(tmp_path / "pred" / "Teddy.npy", ramp())
     Image.new("RGBA", SHAPE[::-1]).save(tmp_path / "pred" / "Teddy.png")
     assert evaluate(tmp_path / "pred", gt)["mean"]["all"]["avgerr"] == 0
-    # A disparity map in 16-bit PNG beside another one leaves a doubt, and so do two truths.
+    # With a disparity map in 16-bit PNG, or with two truths, the match is ambiguous.
     save(tmp_path / "pred" / "Teddy.png", ramp())
     with pytest.raises(InputError, match=r"2 predictions for Teddy: Teddy.npy, Teddy.png"):
         evaluate(tmp_path / "pred", gt)
@@ -207,7 +207,7 @@ def test_eth3d_is_known_by_its_folder(tmp_path):
 def test_a_folder_of_maps_is_truth_too(tmp_path):
     save(tmp_path / "gt" / "disp0001.png", ramp())
     save(tmp_path / "gt" / "disp0002.npy", ramp())
-    Image.new("RGB", SHAPE[::-1]).save(tmp_path / "gt" / "disp0002.png")  # a picture beside it
+    Image.new("RGB", SHAPE[::-1]).save(tmp_path / "gt" / "disp0002.png")  # a picture, not a map
     for name in ("disp0001", "disp0002"):
         save(tmp_path / "pred" / f"{name}.pfm", ramp() + 3)
     found = evaluate(tmp_path / "pred", tmp_path / "gt", "kitti")
@@ -274,11 +274,11 @@ def test_maps_that_cannot_be_compared_are_refused(tmp_path, changed, values, pro
         evaluate(tmp_path / "pred", tmp_path / "gt", protocol)
 
 
-# --- views against each other, without truth ---
+# --- left against right, without truth ---
 
 
 def walls():
-    """True disparities of both views of a wall 4 px before which another one stands, at 10 px."""
+    """Return both views' true disparities of a wall at 4 px behind a narrower one at 10 px."""
     left, right = (np.full((6, 60), 4, np.float32) for _ in range(2))
     left[:, 30:40] = right[:, 20:30] = 10
     return left, right
@@ -286,7 +286,7 @@ def walls():
 
 def test_the_truth_is_confirmed_but_where_one_eye_alone_sees():
     left, right = walls()
-    # Columns 24 to 29 of the left view are hidden; the first four lie outside of the right one.
+    # In the left view, columns 24 to 29 are occluded and columns 0 to 3 are outside the right view.
     assert unconfirmed(left, right) == pytest.approx(100 * 6 / 56)
     assert unconfirmed(left[:, :20], right[:, :20]) == 0
 

@@ -1,4 +1,4 @@
-"""Metrics against numbers worked out by hand, and against the evaluators' loops written down pixel by pixel."""
+"""Metrics compared with results by hand, and with the benchmarks' evaluation loops in plain Python."""
 
 import math
 
@@ -31,16 +31,16 @@ def sums_of(prediction, truth, protocol, mask=None, **known):
 @pytest.mark.parametrize(
     ("protocol", "prediction", "truth", "ndisp", "expected"),
     [
-        # inf is bad, -inf and 500 are clipped to 0 and 40; nan is never bad.
+        # inf is bad, -inf becomes 0 and 500 becomes 40; nan is never bad.
         ("middlebury", [INF, -INF, 500, 10, 3], [10, 10, 10, 10, INF], 40,
          {"invalid": 25, "coverage": 75, "bad-4": 75, "D1-all": 75, "D1-est": 200 / 3, "avgerr": 40 / 3}),
         ("middlebury", [NAN, 10, 3], [10, 10, INF], None, {"avgerr": NAN, "A50": NAN, "bad-0.5": 0, "invalid": 0}),
         ("middlebury", [INF, INF], [1, 2], None, {"bad-4": 100, "invalid": 100, "avgerr": NAN, "A50": NAN}),
-        # What is larger than the width, 8 px, is left out.
+        # Disparities above the width, 8 px, are ignored.
         ("eth3d", [INF, NAN, 8.5, -8.5, -8, 8, 1, 1], [2] * 6 + [-INF, NAN], None,
          {"coverage": 1 / 3, "avgerr": 8, "bad-4": 1, "A50": 10, "A99": 10}),
         ("eth3d", [INF, NAN], [1, 2], None, {"bad-0.5": 1, "D1-all": 1, "coverage": 0, "avgerr": INF, "A50": INF}),
-        # Both holes take the smaller neighbour, 11.
+        # Both holes get the smaller neighbour, 11.
         ("kitti", [20, INF, NAN, 11, 0], [10, 10, 10, 10, INF], None,
          {"avgerr": 13 / 4, "D1-all": 0.25, "D1-est": 0.5, "coverage": 0.5}),
         ("paper", [INF, -5, 10.5, 1], [10, 10, 10, INF], 20, {"avgerr": 25.5 / 3, "bad-4": 200 / 3, "invalid": 0}),
@@ -56,9 +56,9 @@ def test_middlebury_scales_half_and_quarter_sizes(scale):
     small = f32([[1.0, 2.0], [3.0, INF]])
     truth = np.full((2 * scale, 2 * scale), 2.0 * scale, np.float32)
     found = scored(small, truth, "middlebury")
-    # Of the four pixels, one is right, two are off by scale, one is invalid.
+    # One of four pixels is right, two are off by ``scale``, one is invalid.
     assert (found["invalid"], found["avgerr"]) == (25, pytest.approx(2 * scale / 3))
-    # ndisp of the smaller size is rounded up: 3 of 5, so 6; 2 of 5, so 8.
+    # ndisp 5 of the smaller size is rounded up: to 3, times 2 = 6; to 2, times 4 = 8.
     largest = {2: 6.0, 4: 8.0}[scale]
     clipped = scored(np.full((2, 2), 99.0), truth * 0, "middlebury", ndisp=5)
     assert clipped["avgerr"] == largest
@@ -70,7 +70,7 @@ def test_an_empty_mask_has_no_figures(protocol):
     assert all(map(math.isnan, score(truth, truth, protocol, mask=np.zeros((1, 2), bool)).values()))
     counted, rules = sums_of(truth, truth, protocol, np.zeros((1, 2), bool)), PROTOCOLS[protocol]
     assert all(map(math.isnan, mean_figures({"a": counted}, rules).values()))
-    # It takes no part in a mean.
+    # Means ignore it.
     other = sums_of(truth + 1, truth, protocol)
     assert mean_figures({"a": counted, "b": other}, rules) == figures(other, rules)
 
@@ -84,7 +84,7 @@ def test_kitti_pools_pixels_and_the_others_average_images():
 
     assert (mean("kitti", a=one, b=three)["D1-all"], mean("kitti", a=one, b=three)["avgerr"]) == (0.25, 10.5 / 4)
     assert mean("eth3d", a=three, b=(f32([[0.5]]), f32([[0.5]])))["avgerr"] == pytest.approx(0.5 / 6)
-    # Middlebury halves five of its training pairs.
+    # Middlebury gives five of its training pairs half the weight.
     assert mean("middlebury", Playtable=one, Piano=three)["avgerr"] == pytest.approx((10 * 0.5 + 0.5 / 3) / 1.5)
 
 
@@ -100,15 +100,15 @@ def test_kitti_tells_objects_from_the_background():
     assert "D1-fg" not in score(truth, Truth(truth, objects=objects), "eth3d")
 
 
-# --- against the evaluators' loops ---
+# --- against the benchmarks' loops ---
 
-BELOW_HALF = float(np.nextafter(np.float32(0.5), np.float32(0)))  # in float32, 0.5 more is 1
+BELOW_HALF = float(np.nextafter(np.float32(0.5), np.float32(0)))  # in float32, BELOW_HALF + 0.5 is 1
 VALUES = [0.0, -1.0, BELOW_HALF, 0.5, 1.0, 2.0, 3.0, 4.0, 3.5, 60.0, 63.0, 70.0, 73.5, INF, -INF, NAN]
 TRUTHS = [0.5, 1.0, 2.0, 60.0, 70.0, INF]
 
 
 def random_case(seed):
-    """A prediction and a truth of a few pixels, half of them with values at which definitions differ; mask, limits."""
+    """Return a small prediction and truth, half of them with values where definitions differ; mask, ndisp, isint."""
     rng = np.random.default_rng(seed)
     shape, special = (rng.integers(1, 6), rng.integers(1, 8)), rng.random(2) < 0.5
     prediction, truth = (
@@ -123,7 +123,7 @@ def c_round(value):
 
 
 def naive_fill(disparity):
-    """KITTI's loops, on lists of rows with -1 for holes."""
+    """Fill holes by KITTI's loops, on lists of rows with -1 for holes."""
     rows = [[float(v) if math.isfinite(v) and v > 0 else -1.0 for v in row] for row in disparity]
     height, width = len(rows), len(rows[0])
     for row in rows:
@@ -150,7 +150,7 @@ def naive_fill(disparity):
 
 
 def naive(prediction, truth, mask, protocol, ndisp, isint):
-    """Lists of (error, truth, estimated) of the pixels scored, and how many were judged and estimated."""
+    """Return (error, truth, estimated) of each scored pixel, and the numbers of judged and of estimated pixels."""
     filled = naive_fill(prediction) if protocol == "kitti" else None
     scored, judged, estimated = [], 0, 0
     for y, x in np.ndindex(*truth.shape):
@@ -187,7 +187,7 @@ def test_scores_are_those_of_the_loops(protocol, seed):
     scored, judged, estimated = naive(prediction, truth, mask, protocol, ndisp, isint)
     outliers = [(bool(e > 3) and float(np.float32(e) / abs(g)) > 0.05, has) for e, g, has in scored]
     errors = sorted(float(e) for e, _, _ in scored)
-    # Under Middlebury's protocol pixels without a score are bad too.
+    # Middlebury's protocol counts pixels without a score as bad.
     unscored = judged - len(scored) if protocol == "middlebury" else 0
     expected = {"judged": judged, "estimated": estimated, "scored": len(scored)}
     expected |= {f"bad-{t:g}": sum(e > t for e in errors) + unscored for t in (0.5, 1.0, 2.0, 4.0)}
@@ -214,7 +214,7 @@ def test_colours_follow_the_error_and_occlusion_darkens():
     errors = f32(
         [[0.0, 0.1875 * 5 / 3, 5.0, 79.9, 80.0, 100.0, 0.3, 0.3], [0.0, 0.1875, 3.0, 47.9, 48.0, 0.1, 6.0, 12.0]]
     )
-    # The larger of 3 px and 5 % of the truth is the unit: 5 px in the first row, 3 px in the second.
+    # The unit is the larger of 3 px and 5 % of the truth: 5 px in the first row, 3 px in the second.
     visible = np.ones((2, 8), bool)
     visible[0, 0] = False
     picture = error_map(truth + errors, truth, visible=visible)

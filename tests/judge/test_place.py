@@ -1,4 +1,4 @@
-"""The report beside a place: measures with known answers, the files of a place, the table, and what is refused."""
+"""The report compared with a place: measures with known results, the place's files, the table, refused inputs."""
 
 import json
 import re
@@ -36,7 +36,7 @@ from semisynth_gl.textures.image_files import find_images
 INF = np.float32(np.inf)
 
 
-# --- measures with known answers ---
+# --- measures with known results ---
 
 
 @pytest.mark.parametrize(("tread", "rise"), [(10, 3.0), (50, -4.0)])
@@ -45,7 +45,7 @@ def test_a_staircase(tread, rise):
     surfaces = np.tile(120 + rise * (np.arange(width) // tread), (height, 1)).astype(np.float32)
     assert jumps(surfaces) == pytest.approx(100 * (width // tread - 1) / (width - 1))
     assert run_length(surfaces) == pytest.approx(tread)
-    # Each tread is level; windows of 16 px lie on one tread or are left out.
+    # Each tread is level; windows of 16 px are inside one tread or are skipped.
     assert slant(surfaces) == 0 if tread > 16 else np.isnan(slant(surfaces))
 
 
@@ -54,7 +54,7 @@ def test_a_plane_has_the_slant_of_its_gradient(along, down):
     row, column = np.mgrid[:60, :80]
     surfaces = (100 + along * column + down * row).astype(np.float32)
     assert slant(surfaces) == pytest.approx(np.hypot(along, down), abs=1e-6)
-    # A rounded map has nearly the same slant: the span is long enough.
+    # The span is long enough that rounding hardly changes the slant.
     assert slant(np.round(2 * surfaces) / 2) == pytest.approx(np.hypot(along, down), abs=0.02)
 
 
@@ -67,14 +67,14 @@ def test_a_card_hides_as_many_columns_as_its_disparity_exceeds_the_wall(front, b
     if front - back > 1:
         expected[5:15, 60 - (front - back) : 60] = True
     np.testing.assert_array_equal(hidden(disparity), expected)
-    # Where nothing is known, nothing is hidden; shares are of what is known.
+    # Pixels without disparity are never occluded, and do not count in shares.
     disparity[:, 100:] = np.nan
     assert occluded(disparity) == pytest.approx(100 * expected.sum() / 2000)
 
 
 def test_detail_of_noise_of_one_octave():
     normal = np.random.default_rng(1).normal(0, 20, (512, 512)).astype(np.float32)
-    # Means of 2 x 2 have half the deviation.
+    # Means of 2 x 2 pixels have half the standard deviation.
     assert fine_detail(normal) == pytest.approx(4, rel=0.05)
     assert fine_detail(np.kron(normal[:128, :128], np.ones((4, 4), np.float32))) == pytest.approx(0, abs=1e-4)
 
@@ -100,7 +100,7 @@ def test_means_over_areas():
     np.testing.assert_allclose(mean_luminance(image, (20, 21)), blocks, rtol=1e-5)
     for size in ((17, 25), (60, 50), (100, 200)):
         assert mean_luminance(image, size).mean() == pytest.approx(luminance.mean(), rel=1e-5)
-    # Two thirds of the second element belong to the first part.
+    # Each of the two outputs covers one and a half inputs.
     np.testing.assert_allclose(mean_luminance(np.array([[0, 90, 180]], np.uint8), (1, 2)), [[30, 150]], rtol=1e-5)
 
 
@@ -179,7 +179,7 @@ def photographs(tmp_path_factory):
 
 @pytest.fixture
 def run(program):
-    """Run the command: exit code, standard output and error."""
+    """Return a function that runs the command without pictures of pairs."""
     return lambda *arguments: program("report", *arguments, "--pairs", 0)
 
 
@@ -211,7 +211,7 @@ def test_both_views_of_a_pair_are_one_picture_of_a_place(dataset, tmp_path):
     assert said.place.summary == "6 photographs of 3 subjects, 0 disparity maps"
     luminance = [measure_view(make_view(said.width_px, image))["luminance"] for image in images]
     assert said.place.values["luminance"] == pytest.approx(np.reshape(luminance, (3, 2)).mean(axis=1))
-    # Three pictures are too few.
+    # Three pictures are too few for distances.
     assert {row.distance for row in said.rows} == {None}
 
 
@@ -220,7 +220,7 @@ def test_a_mix_of_extremes_with_the_mean_of_its_place_does_not_pass(factor, alik
     theirs = np.linspace(-1, 1, 20)
     dataset, place = (gather({"gradient": value} for value in values) for values in (10 + factor * theirs, 10 + theirs))
     [row] = compare(dataset, place, ({}, {}))
-    # Each quantile of one sample, and the same of the other.
+    # The Wasserstein distance compares equal quantiles of both samples.
     apart = abs(abs(factor) - 1) * np.abs(theirs).mean() / theirs.std(ddof=1)
     assert row.distance == pytest.approx(apart)
     assert row.difference == pytest.approx(0, abs=1e-12)
@@ -270,7 +270,7 @@ def test_advice_names_keys_that_a_config_has():
 
 
 def recipe_with(*kinds, **sections):
-    """Values of a config whose scenes have these kinds of background."""
+    """Return the values of a config whose scenes have these kinds of background."""
     weights = {kind: float(kind in kinds) for kind in ("cuboid", "plane", "room", "street")}
     return load_config("middlebury", {"scenes": [], "background": weights, **sections}).model_dump(mode="json")
 
@@ -303,5 +303,5 @@ def test_advice_names_no_key_that_moves_nothing_in_the_scenes(kinds, sections):
     by_layers = advice(MEASURES[0], [recipe_with(*kinds, particles=layers)], more=True)
     assert "particles.density" in advice(MEASURES[0], [recipe_with(*kinds)], more=True)
     assert "particles.density" not in by_layers
-    # Scenes have the sections of any of their recipes.
+    # Advice may name the sections of any recipe.
     assert named(recipe_with(*kinds), recipe_with("street")) == sections | {"street", "scenes"}

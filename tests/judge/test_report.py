@@ -1,4 +1,4 @@
-"""The report: its numbers against independent ones, its page in a browser."""
+"""The report: its numbers compared with independent ones, and its page in a browser."""
 
 import base64
 import io
@@ -35,7 +35,7 @@ def dataset(tmp_path_factory):
 
 @pytest.fixture
 def changed(dataset, tmp_path):
-    """A copy, to change something in."""
+    """Copy the dataset, for tests that change it."""
     return shutil.copytree(dataset, tmp_path / "set", symlinks=True)
 
 
@@ -44,7 +44,7 @@ def made(dataset):
     return report(dataset, pairs=3)
 
 
-# What is measured.
+# Measures.
 
 
 def test_the_histogram_counts_every_pixel(dataset, made):
@@ -141,7 +141,7 @@ def test_words_of_others_stay_words(changed):
 
 @pytest.fixture(scope="module")
 def browser():
-    """A driver of Debian's Chromium; skipped where there is none, unless CI says that it must be there."""
+    """Start Debian's Chromium. Without it, the tests are skipped, or fail where CI expects a browser."""
     missing = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
     if missing:
         fault = f"no {' and no '.join(missing)} here (`make test` installs them)"
@@ -153,7 +153,7 @@ def browser():
 
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium")
-    # Containers have no sandbox to offer, and little shared memory.
+    # Containers have no sandbox and little shared memory.
     for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
@@ -164,7 +164,7 @@ def browser():
 
 @pytest.fixture
 def opened(browser, made, tmp_path):
-    """The page, opened from disk, with its first pair shown."""
+    """Open the page from disk and wait for its first pair."""
     path = tmp_path / "report.html"
     path.write_text(made.page, "utf-8")
     browser.set_window_size(1200, 900)

@@ -41,7 +41,7 @@ def datasets(tmp_path_factory):
 
 @pytest.fixture
 def dataset(datasets, tmp_path):
-    """Middlebury's, with all its outputs, to plant a fault in."""
+    """Copy the dataset in Middlebury's layout, for planting faults."""
     return shutil.copytree(datasets / "middlebury", tmp_path / "dataset", symlinks=True)
 
 
@@ -60,7 +60,7 @@ def test_a_clean_dataset_has_no_finding(datasets, name):
         assert measures["image_explained"] > 0.95
         assert abs(measures["best_shift_x_px"]) < 0.1
         assert measures["visibility_left_disagree_share"] < 0.01
-        if name == "middlebury":  # with normals
+        if name == "middlebury":  # the only one with normals
             assert 0 < measures["oracle_normals_largest_deg"] < 0.01
 
 
@@ -101,7 +101,7 @@ def large_ids(scene):
 IMAGES, DISPARITIES, MASKS = ("im0.png", "im1.png"), ("disp0GT.pfm", "disp1GT.pfm"), ("mask0nocc.png", "mask1nocc.png")
 AT = "in 1 pixel, the first at (40, 30)"
 FAULTS = {
-    # The fault, the check that finds it, and words of the message.
+    # The change, the check that finds it, and words of the message.
     **{
         f"{name} flipped, axis {axis}": (changed(lambda each, axis=axis: np.flip(each, axis), name), "images", "")
         for name in IMAGES
@@ -117,7 +117,7 @@ FAULTS = {
             "half a pixel less": lambda d: d - 0.5,
             "times 1.01": lambda d: d * 1.01,
         }.items()
-        # The two views agree where both are wrong alike: then the rays tell, or another channel.
+        # If both views have the same error they agree; then rays or another channel find it.
         for count, check in {(0, 1): "left-right", (1, 2): "left-right", (0, 2): "oracle"}.items()
     },
     "a disparity that calib.txt does not have": (changed(lambda d: d * 1.01, *DISPARITIES), "calib", "vmax"),
@@ -183,7 +183,7 @@ def test_images_that_fit_half_a_pixel_aside_are_found(noise, off_px, disparity_p
     verdict = Verdict("a")
     check_views(StoredFrame(StereoCamera.centred(200, 100, 75.0, 0.1), *views), verdict, imperfect=noise > 0)
     assert [finding.check for finding in verdict.findings] == ["images"] * bool(off_px)
-    # The images fit where the points are moved back, if they fit anywhere.
+    # If a shift makes the images match, it is opposite to the planted one.
     assert verdict.measures.get("best_shift_x_px", -off_px) * off_px <= 0
 
 
@@ -205,7 +205,7 @@ def test_imperfect_images_are_judged_after_their_levels_are_matched(dataset):
 def test_a_missing_or_truncated_file_is_found(dataset, name, left):
     path = scene_of(dataset) / name
     data = path.read_bytes()
-    # The last byte of a text is a line's end, which nobody misses.
+    # A text without its last newline is still complete.
     whole = len(data.rstrip(b"\n")) if path.suffix in (".json", ".txt") else len(data)
     if left is None:
         path.unlink()
@@ -287,7 +287,7 @@ SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
 def test_rays_find_normals_of_other_places_beside_triangles_that_they_miss():
-    """A wall, and triangles before it whose planes nearly go through the left eye."""
+    """A wall, and slivers in front of it whose planes nearly contain the left eye."""
     camera, rng, count = StereoCamera.centred(80, 60, 75.0, 0.1), np.random.default_rng(5), 1000
     middle = np.array([camera.cx_left_px, camera.cy_px])
     wall = make_mesh("wall", [[-9, -9, 9], [9, -9, 9], [9, 9, 9], [-9, 9, 9]], SQUARE, [[0, 1, 2], [0, 2, 3]])

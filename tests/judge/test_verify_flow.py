@@ -1,4 +1,4 @@
-"""Clean sequences have no finding, and each fault planted in flow or its change of disparity has one of its check."""
+"""Clean sequences have no finding, and verify finds each fault planted in flow or change of disparity."""
 
 import shutil
 
@@ -15,11 +15,11 @@ from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, ViewArrays
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.single_view import check_view
 
-# Much motion: the camera's own, and of models that fall, drift and spin.
+# Much motion: a swaying camera, and models that fall, drift and spin.
 SEQUENCE = {
     "sequence": {"length": 3, "frame_s": 0.1},
     "camera": {"sway_m": [0.05, 0.1], "sway_deg": [4.0, 6.0], "sway_s": [0.8, 1.2]},
-    # Numbers that are stated need not be solved for, and few patches are cut soon.
+    # Stated counts need no solver, and few patches are fast to cut.
     "particles": {
         "layers": [
             {"disparity_px": [1, 4], "count": [60, 80]},
@@ -41,7 +41,7 @@ def make(out, pairs=3, layout=None, outputs=("visibility", *FLOWS), truth="both"
 
 @pytest.fixture(scope="module")
 def datasets(tmp_path_factory):
-    """A sequence of three frames in each encoding of flow."""
+    """Write a sequence of three frames in each encoding of flow."""
     root = tmp_path_factory.mktemp("datasets")
     for encoding in SUFFIXES:
         make(root / encoding, files={"flow": encoding})
@@ -50,7 +50,7 @@ def datasets(tmp_path_factory):
 
 @pytest.fixture
 def copy(datasets, tmp_path):
-    """A dataset to plant faults in, by its encoding."""
+    """Return a function that copies the dataset of an encoding, for planting faults."""
     return lambda encoding="flo": shutil.copytree(datasets / encoding, tmp_path / encoding, symlinks=True)
 
 
@@ -68,7 +68,7 @@ def test_a_clean_sequence_has_no_finding(datasets, encoding):
     assert found.findings == []
     _, *pairs = found.verdicts
     allowed = 1e-2 if encoding == "png16" else 2e-3
-    # The first frame has none before it.
+    # The first frame has no previous frame.
     assert ["flow_left_frames_median_px" in verdict.measures for verdict in pairs] == [False, True, True]
     for verdict in pairs:
         assert verdict.measures["oracle_flow_largest_px"] < allowed
@@ -138,7 +138,7 @@ CHANGE0, CHANGE1 = "disparity_change0.pfm", "disparity_change1.pfm"
 FLOW_FILES = ("flow0.flo", "flow1.flo", "flow_mask0.png", "flow_mask1.png")
 AT = "in 1 pixel, the first at (50, 40)"
 FAULTS = {
-    # The fault, the check that finds it, and words of the message; a name begins with the encoding unless it is flo.
+    # The change, the check that finds it, and words of the message. Names begin with the encoding unless it is flo.
     **{
         f"{name} in {len(names)} views": (flow(change, *names), "flow-frames", "flow_left of sceneflow-000000")
         for name, change in CHANGES.items()
@@ -253,8 +253,8 @@ def test_flow_wrong_everywhere_alike_is_found_by_rays(copy, name):
     assert wrong == {f"{kind}_{view}" for kind in FLOWS for view in ("left", "right")}
 
 
-def lacking(channel, values):
-    """What is found in a left view whose surfaces may leave the valid range, with these values of a channel."""
+def findings_with(channel, values):
+    """Check a left view with these values of a channel, of a camera with doffs; return the findings."""
     channels = {"disparity": np.full((6, 8), 9, np.float32), "disparity_change": np.zeros((6, 8), np.float32)}
     image, flow = np.zeros((6, 8, 3), np.uint8), np.zeros((6, 8, 2), np.float32)
     left = ViewArrays({"image": image, "flow": flow} | channels | {channel: values})
@@ -268,12 +268,12 @@ def test_a_change_may_be_missing_where_disparities_pass_through_0(least, wrong):
     change = np.full((6, 8), least - 9, np.float32)
     change[2, 3] = np.inf
     fault = "it: disparity_change: disparity_change_left is inf in 1 pixel, the first at (3, 2)"
-    assert lacking("disparity_change", change) == [fault] * wrong
+    assert findings_with("disparity_change", change) == [fault] * wrong
 
 
 @pytest.mark.parametrize("channel", ["disparity", "disparity_change"])
 def test_no_view_lacks_all_values_of_a_channel(channel):
-    found = lacking(channel, np.full((6, 8), np.inf, np.float32))
+    found = findings_with(channel, np.full((6, 8), np.inf, np.float32))
     assert f"it: {channel}: {channel}_left is inf in 48 pixels, the first at (0, 0)" in found
 
 

@@ -115,7 +115,7 @@ def test_a_lens_that_folds_the_view_is_refused():
         LensChain(raw, CAMERA, "left", "black")
 
 
-def looked_up(valid, flow):
+def ends_invalid(valid, flow):
     """Mark the pixels whose flow ends at an invalid pixel (the nearest one)."""
     height, width = valid.shape
     lost = np.zeros_like(valid)
@@ -143,8 +143,8 @@ def test_truth_is_that_without_a_lens_and_masks_leave_out_what_the_sensor_did_no
         for name in {"disparity", *outputs} - {"visibility", "valid"}:
             np.testing.assert_array_equal(plain.view(eye)[name], seen.view(eye)[name])
         flows = ("flow", "flow_backward")
-        lost = {f"{name}_visibility": looked_up(valid[eye], plain.view(eye)[name]) for name in flows}
-        lost["visibility"] = looked_up(valid[OTHER_EYE[eye]], seen.correspondences(eye))
+        lost = {f"{name}_visibility": ends_invalid(valid[eye], plain.view(eye)[name]) for name in flows}
+        lost["visibility"] = ends_invalid(valid[OTHER_EYE[eye]], seen.correspondences(eye))
         assert all((beyond & valid[eye]).any() for beyond in lost.values())
         for name, beyond in lost.items():
             mask = plain.view(eye)[name]
@@ -187,7 +187,7 @@ def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path):
     plain = render_pair(cheap(outputs=[name for name in FLOWS if name != "valid"], **MOVING), 0).left
     valid, seen = (np.asarray(Image.open(scene / name)) == VISIBLE for name in ("valid0.png", "flow_mask0.png"))
     known = np.isfinite(PFM.read(scene / "disparity_change0.pfm"))
-    lost = valid & looked_up(valid, plain.flow)
+    lost = valid & ends_invalid(valid, plain.flow)
     ignored = (plain.flow_visibility == VISIBLE) & ~seen
     for name, where, wrong in (
         ("flow_mask0.png", first(ignored & ~valid), VISIBLE),
@@ -236,7 +236,7 @@ def test_borders_may_have_no_disparity(tmp_path, changes):
                         border = after.view(eye).valid != VISIBLE
                         assert 0 < border.mean() < 0.9
                         if name == "disparity_change":
-                            border |= looked_up(~border, after.view(eye).flow)
+                            border |= ends_invalid(~border, after.view(eye).flow)
                         expected[border] = 0 if name == "visibility" else np.inf
                     np.testing.assert_array_equal(array, expected, err_msg=name)
     generate(out, tmp_path / "d", 2, layout="middlebury")

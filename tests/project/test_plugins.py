@@ -91,7 +91,7 @@ def install(tmp_path):
     return installed
 
 
-def said(*arguments):
+def run_command(*arguments):
     """Run a command in this process; return its output or its error."""
     done = CliRunner().invoke(semisynth_gl, [str(argument) for argument in arguments], standalone_mode=False)
     return done.output if done.exception is None else str(done.exception)
@@ -100,7 +100,7 @@ def said(*arguments):
 @pytest.mark.usefixtures("acme")
 def test_the_examples_make_a_dataset_that_all_commands_know(made, tmp_path):
     config, out = made
-    assert "3 pairs, nothing found" in said("verify", out, "--oracle")
+    assert "3 pairs, nothing found" in run_command("verify", out, "--oracle")
     pair = open_dataset(out)[2]
     assert pair.left.image.shape == (48, 64, 3)
     assert (out / "pairs" / "000002_seen_left.png").is_file()
@@ -108,12 +108,12 @@ def test_the_examples_make_a_dataset_that_all_commands_know(made, tmp_path):
     documents = [read_index(out).plan.values(), *(json.loads(path.read_text()) for path in out.glob("shards/*.json"))]
     assert [document["plugins"] for document in documents] == [PLUGINS] * 4
     assert pair.provenance["plugins"] == {group: PLUGINS[group] for group in ("textures", "models")}
-    shown = said("doctor")
+    shown = run_command("doctor")
     for noun in ("layout 'flat'", "texture source 'posters'", "family of models 'knots'", "scene recipe 'attic'"):
         assert f"Plug-in: {noun} of the package acme-stereo 1.2.0" in shown
     # The same command does nothing the second time.
     before = digests(out)
-    assert "3 pairs in" in said("generate", "--config", config, "--out", out, "--pairs", 3, "--layout", "flat")
+    assert "3 pairs in" in run_command("generate", "--config", config, "--out", out, "--pairs", 3, "--layout", "flat")
     assert digests(out) == before
     # Verify compares each pair's plug-ins with the index.
     shutil.copytree(out, tmp_path / "set")
@@ -127,18 +127,18 @@ def test_the_examples_make_a_dataset_that_all_commands_know(made, tmp_path):
 def test_without_the_package_or_its_version_messages_name_it(made, site, tmp_path, monkeypatch):
     config, out = made
     for arguments in (("verify", out), ("generate", "--config", "middlebury", "--out", out, "--overwrite")):
-        assert f"layout 'flat' {MISSING}" in said(*arguments), arguments
+        assert f"layout 'flat' {MISSING}" in run_command(*arguments), arguments
     # A config does not name the package of a plug-in.
     new = "generate", "--config", config, "--out", tmp_path / "new"
-    assert "textures.source: texture source: expected" in said(*new)
+    assert "textures.source: texture source: expected" in run_command(*new)
     newer = shutil.copytree(site, tmp_path / "newer")
     metadata = newer / "acme_stereo-1.2.0.dist-info" / "METADATA"
     metadata.write_text(metadata.read_text().replace("Version: 1.2.0", "Version: 1.3.0"))
     monkeypatch.syspath_prepend(str(newer))
     find_anew()
-    refused = said("generate", "--config", config, "--out", out, "--pairs", 3, "--layout", "flat")
+    refused = run_command("generate", "--config", config, "--out", out, "--pairs", 3, "--layout", "flat")
     assert "plugins.layouts.flat.version ('1.2.0' there, '1.3.0' now)" in refused
-    assert f"family of models 'knots' {MISSING}" in said("verify", out, "--oracle")
+    assert f"family of models 'knots' {MISSING}" in run_command("verify", out, "--oracle")
 
 
 @pytest.mark.usefixtures("acme")
@@ -153,12 +153,12 @@ def test_a_dataset_of_a_recipe_is_read_and_verified_without_the_package(tmp_path
     assert found == [("attic", 2, 30), ("b", 4, 30), ("c", 0, 0)]
     assert parse_config(explain(loaded)).digest() == loaded.digest()
     options = ("--config", config, "--out", out, "--pairs", 6)
-    assert "6 pairs in" in said("generate", *options)
+    assert "6 pairs in" in run_command("generate", *options)
     sys.path.remove(str(site))
     find_anew()
     assert {pair.recipe for pair in open_dataset(out)} == {"attic", "b", "c"}
     assert all(pair.provenance["plugins"] == {"recipes": {"attic": ACME}} for pair in open_dataset(out))
-    assert "6 pairs, nothing found" in said("verify", out, "--oracle")
+    assert "6 pairs, nothing found" in run_command("verify", out, "--oracle")
     with pytest.raises(InputError, match=r"attic\.yaml:1: scenes\.0\.extends: scene recipe: no installed package has"):
         load_config(config)
 

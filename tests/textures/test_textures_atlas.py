@@ -1,4 +1,4 @@
-"""Building an atlas: what is kept, what is counted, that it is fair, and that the same seed gives the same."""
+"""Building an atlas: which crops it keeps, what the report counts, fair shares, and the same result per seed."""
 
 import hashlib
 from collections import Counter
@@ -70,7 +70,7 @@ def test_patches_hold_the_pixels_of_their_squares(tmp_path):
 
 
 def test_report_counts_every_image_and_crop(tmp_path):
-    half = noise(96, 192)  # 9 crops with texture, 9 without
+    half = noise(96, 192)  # 9 crops with texture, 9 flat ones
     half[:, 96:] = 90
     paths = save(tmp_path, half=half, flat=FLAT, small=noise(31, 200), good=noise(96, 96, 2))
     broken = tmp_path / "broken.jpg"
@@ -87,7 +87,7 @@ def test_report_counts_every_image_and_crop(tmp_path):
 
 def test_a_large_image_does_not_crowd_out_the_others_and_scales_take_turns(tmp_path):
     paths = save(tmp_path, huge=noise(640, 640), a=noise(64, 64, 1), b=noise(64, 64, 2), c=noise(32, 32, 3))
-    for most, of_each in ((10, 3), (50, 4)):  # what the small ones cannot fill, the large one does
+    for most, of_each in ((10, 3), (50, 4)):  # the large image fills what the small ones leave
         counts = Counter(patch.source for patch in build(paths, max_patches=most).patches)
         assert counts == {"huge.png": most - 1 - 2 * of_each, "a.png": of_each, "b.png": of_each, "c.png": 1}
     atlas = build(paths[:1], scales=(1, 2, 4), max_patches=12)
@@ -133,7 +133,7 @@ def test_blurred_crops_are_left_out_where_reducing_does_not_sharpen_them(tmp_pat
     counts = {(count.source, count.side_px): count for count in atlas.report.counts}
     assert (counts["sharp.png", 64].kept, counts["sharp.png", 256].kept) == (16, 1)
     assert (counts["soft.png", 64].kept, counts["soft.png", 64].blurred) == (0, 16)
-    assert counts["soft.png", 256].kept == 1  # at a quarter of its size it is sharp
+    assert counts["soft.png", 256].kept == 1  # a quarter of its size is sharp
     with pytest.raises(InputError, match="16 blurred"):
         build(save(tmp_path / "soft", soft=soft), **sharp)
 
@@ -153,7 +153,7 @@ def test_the_same_photograph_twice_counts_once(tmp_path):
     assert build(paths, min_difference=0).report.total("kept") == 48
     tiled = build(save(tmp_path / "tiled", tiled=np.tile(noise(32, 32), (2, 2, 1))), min_difference=0.04)
     assert (tiled.report.total("kept"), tiled.report.total("duplicate")) == (1, 3)
-    # Frames of a video resemble each other on purpose.
+    # Frames of a video may resemble each other.
     frames = save(tmp_path / "video", **{f"f{i}": noise(32, 32) for i in range(17)})
     assert build(frames, min_difference=0.04).report.total("kept") == 1
     assert build(frames, min_difference=0.04, sequence=True).report.total("kept") == 2
@@ -198,7 +198,7 @@ def test_layers_of_a_patch_are_the_same_square_of_successive_frames(tmp_path):
 def test_clips_are_cut_to_fit_into_the_layers(tmp_path, monkeypatch):
     paths = frames(tmp_path, 10)  # 4 squares
     monkeypatch.setattr(clips, "MOST_FRAMES", 8)
-    assert longest_clip(build(paths, sequence=True)) == 5  # 10 frames as 5 + 5
+    assert longest_clip(build(paths, sequence=True)) == 5  # 10 frames become 5 + 5
     for most in (3, 4, 9, 16, 30):
         monkeypatch.setattr(clips, "MOST_LAYERS", most)
         atlas = build(paths, sequence=True, max_patches=min(most, 100))
@@ -221,10 +221,10 @@ def test_frames_that_cannot_be_used_are_left_out_of_their_clip_and_a_flat_one_sp
     assert (atlas.report.total("kept"), atlas.report.total("flat"), longest_clip(atlas)) == (3, 1, 3)
     paths = frames(tmp_path, 5, 64, 96)
     whole = paths[1].read_bytes()
-    paths[1].write_bytes(whole[: len(whole) // 2])  # header fine, pixels missing
+    paths[1].write_bytes(whole[: len(whole) // 2])  # the header is complete, pixels are missing
     paths[3].write_bytes(b"")
     exif = Image.Exif()
-    exif[0x0112] = 6  # turned by a quarter
+    exif[0x0112] = 6  # rotated by 90 degrees
     Image.fromarray(noise(64, 96, 5)).save(paths[4], exif=exif)
     atlas = build(paths, sequence=True)
     check_consistent(atlas, 5)

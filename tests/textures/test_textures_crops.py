@@ -1,4 +1,4 @@
-"""Crops cover the image inside its black borders, carry exact pixels, and are measured as the docstrings say."""
+"""Crops cover the image inside its black borders and keep exact pixels; sharpness and texture measures."""
 
 from itertools import pairwise
 
@@ -44,7 +44,7 @@ def test_crops_of_each_scale_that_fits_cover_a_part_of_an_image(left_px, top_px,
             assert 0 <= top <= height - side
             covered[top : top + side, left : left + side] = True
         assert covered.all()
-        assert len(of_side) == -(-height // side) * -(-width // side)  # no more than it takes
+        assert len(of_side) == -(-height // side) * -(-width // side)  # the fewest crops that cover it
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3, 4, 7])
@@ -85,7 +85,7 @@ def test_sharpness_of_known_patterns():
     rng = np.random.default_rng(0)
     white = rng.integers(0, 256, (512, 512, 1), dtype=np.uint8).repeat(3, axis=2)
     assert sharpness_measure(white) == pytest.approx(4, rel=0.05)
-    assert sharpness_measure(white[::2, ::2].repeat(8, 0).repeat(8, 1)) == np.inf  # nothing below 8 pixels
+    assert sharpness_measure(white[::2, ::2].repeat(8, 0).repeat(8, 1)) == np.inf  # no detail below 8 pixels
     assert sharpness_measure(grey(np.indices((64, 64)).sum(axis=0) % 2 * 255)) == np.inf
     assert sharpness_measure(np.full((40, 40, 3), 7, np.uint8)) == np.inf
 

@@ -1,4 +1,4 @@
-"""Patches without the user's photographs: from painted pictures, procedural ones, and scikit-image's photographs."""
+"""Patches without the user's photographs: painted pictures, procedural ones, and scikit-image's photographs."""
 
 import json
 from dataclasses import replace
@@ -35,7 +35,7 @@ def built(pictures, files=None, **keys):
     return build_atlas(files or [], SECTION.model_copy(update=keys), np.random.default_rng(0), pictures)
 
 
-# Mean level of the picture of each kind, which depends on Pillow's edges of letters in the fifth digit.
+# Mean level of each kind of picture. The fifth digit depends on how Pillow antialiases letters.
 MEANS = (
     *(106.724, 105.986, 89.671, 98.336, 101.564, 177.068, 102.118, 123.360, 121.464, 167.005, 171.468, 97.740),
     *(106.464, 193.192, 121.438, 126.125, 73.654, 59.404, 190.787, 137.562, 107.152, 181.015, 187.185, 192.738),
@@ -57,12 +57,12 @@ def test_every_kind_is_sharp_and_repeats_nothing_and_all_but_plain_ones_have_con
     if kind in PLAIN:
         assert np.median([texture_of(crop) for crop in crops]) < 7
         return
-    # The contrast of each octave from 1 to 64 pixels, as far as it is lost in the next coarser one.
+    # Contrast that each octave from 1 to 32 pixels loses against the next coarser one.
     grey = picture.mean(axis=2)
     means = [grey.reshape(SIDE_PX // n, n, SIDE_PX // n, n).mean(axis=(1, 3)) for n in (1, 2, 4, 8, 16, 32, 64)]
     lost = [np.sqrt(max(fine.var() - coarse.var(), 0)) for fine, coarse in pairwise(means)]
     assert min(lost) > 1.0
-    assert np.abs(np.diff(picture.astype(int), axis=2)).mean() > 3.0  # in colour
+    assert np.abs(np.diff(picture.astype(int), axis=2)).mean() > 3.0
 
 
 def test_pictures_come_from_the_generator_alone_and_have_names_of_their_own():
@@ -101,7 +101,7 @@ def test_pictures_and_files_take_turns_and_no_more_are_painted_than_needed(tmp_p
     assert atlas.report.images_not_opened == 4
     sources = {patch.source for patch in atlas.patches}
     assert sorted(source.startswith("picture-") for source in sources) == [False, False, True, True]
-    # Files run out first: pictures make up for them.
+    # Painted pictures fill the places for which there are no files.
     asked.clear()
     assert len({patch.source for patch in built(endless(), files, max_patches=80).patches}) == len(asked) + 6 > 12
 
@@ -149,7 +149,7 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch):
         np.testing.assert_array_equal(same.layers, atlas.layers)
         np.testing.assert_array_equal(same.large_layers, atlas.large_layers)
     assert {patch.source for patch in atlas.patches if patch.large} == {"mine/0", "mine/1", "mine/3"}
-    # Pictures of a split are its own, and none is painted twice.
+    # Each split has other pictures, and no picture is painted twice.
     of_split = prepare_atlas(section, VALIDATION).pictures
     assert not set(of_split.values()) & set(atlas.pictures.values())
     assert len(painted) == 8

@@ -1,4 +1,4 @@
-"""Reading images: every mode to its expected values, everything broken refused with a reason."""
+"""Reading images: expected values of every mode, and reasons for refusing broken files."""
 
 import pickle
 import struct
@@ -26,7 +26,7 @@ def as_rgb(grey):
     return np.repeat(grey[..., np.newaxis], 3, axis=2).astype(np.uint8)
 
 
-def save(image, path, **options):  # what Pillow takes
+def save(image, path, **options):
     image.save(path, **options)
     return path
 
@@ -50,7 +50,7 @@ def test_rgb_grey_palette_and_one_bit_are_read_bit_for_bit_contiguous_and_with_t
 
 def test_transparent_pixels_become_mid_grey_in_every_mode(tmp_path):
     pixels = np.full((4, 6, 4), (100, 50, 10, 255), dtype=np.uint8)
-    pixels[0] = (255, 0, 255, 0)  # the garbage that an editor leaves behind
+    pixels[0] = (255, 0, 255, 0)  # editors leave arbitrary colours in transparent pixels
     pixels[1, 0, 3] = 128
     read = read_image(save(Image.fromarray(pixels), tmp_path / "rgba.png"))
     assert read.flags.c_contiguous
@@ -65,7 +65,7 @@ def test_transparent_pixels_become_mid_grey_in_every_mode(tmp_path):
     palette.putpalette([90, 90, 90, 255, 0, 255])
     for path in (
         save(with_alpha, tmp_path / "la.png"),
-        # A key colour in the header instead of a channel.
+        # The header has a transparent colour instead of an alpha channel.
         save(Image.fromarray(grey), tmp_path / "key.png", transparency=255),
         save(palette, tmp_path / "p.png", transparency=1),
         save(palette, tmp_path / "p.gif", transparency=1),
@@ -86,7 +86,7 @@ def test_white_is_that_of_the_sensor_whose_values_the_folder_holds(tmp_path, bit
 def test_32_bit_integers_are_16_bit_levels_and_floats_are_refused(tmp_path):
     values = np.array([[0, 65535, 25700]], dtype=np.int32)
     path = save(Image.fromarray(values), tmp_path / "i.tif")
-    for beyond in (65536, -1):  # the first decides the level of the folder
+    for beyond in (65536, -1):
         values[0, 0] = beyond
         with pytest.raises(ImageError, match="expected 0 to 65535"):
             read_image(save(Image.fromarray(values), tmp_path / "beyond.tif"))
@@ -98,7 +98,7 @@ def test_32_bit_integers_are_16_bit_levels_and_floats_are_refused(tmp_path):
 def test_colours_that_are_not_rgb(tmp_path):
     cmyk = Image.new("CMYK", (32, 32), (0, 255, 255, 0))
     np.testing.assert_array_equal(read_image(save(cmyk, tmp_path / "a.tif"))[0, 0], (255, 0, 0))
-    # Adobe's JPEG has inverted levels.
+    # Adobe's CMYK JPEG stores inverted levels.
     np.testing.assert_allclose(read_image(save(cmyk, tmp_path / "a.jpg", quality=95))[16, 16], (255, 0, 0), atol=3)
     red = Image.new("RGB", (16, 16), (200, 30, 60))
     np.testing.assert_allclose(read_image(save(red.convert("YCbCr"), tmp_path / "y.tif"))[8, 8], (200, 30, 60), atol=2)
@@ -121,7 +121,7 @@ UPRIGHT_FROM_STORED = {
 def test_exif_orientation(tmp_path, orientation, name):
     exif = Image.Exif()
     exif[0x0112] = orientation
-    grey = levels(5, 7)  # what Pillow would map into memory
+    grey = levels(5, 7)  # Pillow would memory-map this one
     values, stored = {
         "a.png": (levels(5, 7, 3), levels(5, 7, 3)),
         "grey8.tif": (grey, as_rgb(grey)),
@@ -170,7 +170,7 @@ def test_truncated_files_are_refused(tmp_path, name):
     [
         ("no image", "not an image"),
         ("version https://git-lfs.github.com/spec/v1\noid sha256:12\nsize 3\n", "is a Git LFS pointer"),
-        # Pillow would start Ghostscript.
+        # Pillow would start Ghostscript for this one.
         ("%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 10 10\n%%EndComments\nshowpage\n", "not an image"),
         (None, "No such file"),
     ],
@@ -225,7 +225,7 @@ def test_find_images_in_files_folders_and_globs(tmp_path, monkeypatch):
     assert relative(tmp_path / "**/*.[!x]*", tmp_path / "a.jpg", tmp_path / "odd [1]") == every
     assert relative(str(tmp_path / "**/*.tif"), str(tmp_path / "*.PNG")) == ["b.PNG", "below/deep/c.tif"]
     assert relative(tmp_path / "odd [1]") == ["odd [1]/e.png"]
-    assert relative(tmp_path / "notes.txt") == ["notes.txt"]  # named in full: the user means it
+    assert relative(tmp_path / "notes.txt") == ["notes.txt"]  # users may name any file by its full name
     assert not {".eps", ".h5", ".mpg", ".pfm", ".pdf", ".txt"} & image_extensions()
     monkeypatch.setenv("HOME", str(tmp_path))
     assert relative("~/a.jpg") == ["a.jpg"]

@@ -1,4 +1,4 @@
-"""Large patches: whole pictures, from the cut to the surfaces that get them."""
+"""Large patches (whole pictures): cutting them, and the surfaces that get them."""
 
 import weakref
 from dataclasses import replace
@@ -80,7 +80,7 @@ def test_pictures_are_kept_in_memory_where_large_patches_may_be_cut_from_them(mo
         alive.clear()
         atlas = prepare_atlas(TexturesSection(patch_px=32, scales=(1.0,), min_sharpness=0, **keys), Split(77))
         assert len(alive) == 20
-        # The latest two may still be on their way.
+        # The latest two may still be in progress.
         assert most <= max(alive) <= most + 2
         large = {patch.source for patch in atlas.patches if patch.large}
         assert large == {f"mine/{number}" for number in range(1, most, 2)}
@@ -98,10 +98,10 @@ def test_walls_wear_large_patches_and_none_repeats_across_the_view():
     patch = sampled.instances["patch"]
     assert set(patch[still]) <= {5, 6}
     plain = sampler_of(config, atlas_patches=SMALL).sample(0).scene
-    # On the screen a patch is at least as wide as the image: the same UV spans fewer patches than of small ones.
+    # A large patch is at least as wide as the image, so a surface repeats it less often than a small one.
     shown = plain.uv_scale[still] / sampled.scene.uv_scale[still]
     assert (shown >= 1024 / 256 - 1e-9).all()
-    # Instances with small patches look as they do without large patches.
+    # Large patches do not change instances with small patches.
     same = patch < 5
     assert same.sum() > 20
     np.testing.assert_array_equal(plain.uv_scale[same], sampled.scene.uv_scale[same])
@@ -112,7 +112,7 @@ def test_walls_wear_large_patches_and_none_repeats_across_the_view():
 
 def test_of_a_large_surface_one_patch_spans_the_view():
     camera = StereoCamera.centred(1500, 1000, 1200.0, 0.1)
-    # Little is seen of a wall and of a table, and of a thing in a small patch more than the patch shows.
+    # A wall and a table whose visible parts are small, and a thing that repeats a small patch.
     high, large = np.array([[0.01, 0.01], [0.01, 0.01], [1.0, 1.0]]), np.array([True, True, False])
     table = new_instances(3, depth_m=3.0, unit_m=1.0, uv_high=high, large=[True, False, False])
     scale, _ = map_patches(table, camera, section(1024), np.full(3, 1.5), np.full((3, 2), 0.5), large)
@@ -138,7 +138,7 @@ def test_what_is_seen_of_a_surface_shows_a_patch_about_once(config):
                 continue
             models += scene.model[number] >= len(SURFACE_MODELS)
             if len(uv) > 30 and sampled.instances["slot"][number] < 0:
-                # Where a patch is not enlarged too much, none of its borders is seen, at which it is mirrored.
+                # Unless a patch is enlarged too much, the surface shows none of its mirrored borders.
                 once.append(bool((low > -0.01).all() and (high < 1.01).all()))
     assert max(small) < 1.5
     assert models > 5

@@ -1,4 +1,4 @@
-"""Who is on the surfaces: images in equal parts."""
+"""Surfaces show all images equally often."""
 
 from collections import Counter
 from dataclasses import replace
@@ -27,14 +27,14 @@ def test_images_have_an_equal_say_but_for_those_with_too_few_patches(counts):
 
 def test_patches_share_the_chance_of_their_subject():
     sources = [*("a",) * 20, "b", "b", "a", "b"]
-    # 21 patches of a; b's three are capped.
+    # a has 21 patches; the limit MOST_TIMES applies to b's three.
     expected = np.where(np.array(sources) == "b", MOST_TIMES / 24, (1 - 3 * MOST_TIMES / 24) / 21)
     assert patch_chances(sources) == pytest.approx(expected)
     assert patch_chances([]).size == 0
 
 
 def numbers_of_patches(config, patches, scenes):
-    """The patches of many surfaces: those of small ones, and those of walls and panels."""
+    """Return the patch numbers of many surfaces: with small patches, and with large ones."""
     sampler = sampler_of(config, atlas_patches=patches)
     sampled = [sampler.sample(number) for number in range(scenes)]
     patch = np.concatenate([each.instances["patch"] for each in sampled])
@@ -44,7 +44,7 @@ def numbers_of_patches(config, patches, scenes):
 
 def test_surfaces_wear_subjects_equally_often():
     counts = {"huge": 60, "middling": 20, "little": 9}
-    # Three photographs show the first subject.
+    # The first subject has three photographs.
     sources = {"huge": "abc", "middling": ["middling"], "little": ["little"]}
     small = [
         Patch(sources[name][number % len(sources[name])], 0, 0, 64, 0, 1, 9.0, subject=name)
@@ -57,6 +57,6 @@ def test_surfaces_wear_subjects_equally_often():
     config = cheap(textures={"large_px": 64}, particles=particles, structures={"panels": 8, "ground": 0})
     for seen in numbers_of_patches(config, patches, 12):
         assert len(seen) > 100
-        tolerance = 4 * np.sqrt(0.25 / len(seen))  # four standard deviations
+        tolerance = 4 * np.sqrt(0.25 / len(seen))  # 4 standard deviations
         names = Counter(patches[number].subject_name for number in seen)
         assert [names[name] / len(seen) for name in counts] == pytest.approx([1 / 3] * 3, abs=tolerance)

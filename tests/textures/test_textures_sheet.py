@@ -1,4 +1,4 @@
-"""``semisynth-gl preview --patches``: the sheet shows the patches, the table counts them, and the cache keeps both."""
+"""``semisynth-gl preview --patches``: the sheet of patches, the table of counts, and their cache."""
 
 from collections import Counter
 
@@ -18,7 +18,7 @@ from semisynth_gl.textures.prepare import prepare_atlas
 
 @pytest.fixture
 def photographs(tmp_path):
-    """One of each kind: good, flat in part, blurred, the same again, small, and no image."""
+    """Write photographs: good, partly flat, blurred, a duplicate, too small, and a broken file."""
     folder = tmp_path / "photos"
     good, flat = octaves(0, 288, 288), octaves(1, 288, 288)
     flat[:150] = 200

@@ -1,4 +1,4 @@
-"""Photographs of one subject: told by their names, in one split, with one say."""
+"""Photographs of one subject: recognised by names, kept in one split, with one share of the patches."""
 
 from collections import Counter
 from itertools import chain
@@ -21,7 +21,7 @@ HELD_OUT = {"validation": 0.1, "test": 0.1}
 
 
 def views(seed):
-    """Both views of a scene."""
+    """Make two overlapping images of a scene."""
     wide = octaves(seed, 240, 360)
     return wide[:, 40:], wide[:, :320]
 
@@ -44,19 +44,19 @@ ONE_SUBJECT = [
     ["eth3d/delivery_area_1l/im0.png", "eth3d/delivery_area_1s/im1.png"],
 ]
 OTHERS = [
-    # Frames, moments and scenes of one kind.
+    # Frames of a video and scenes of a dataset.
     ["left/0001.png", "right/0002.png"],
     ["image_2/000017_10.png", "image_3/000018_10.png"],
     ["eth3d/delivery_area_1l.png", "eth3d/delivery_area_2l.png", "eth3d/delivery_area_3l.png"],
     ["Australia/im0.png", "Chess/im0.png", "Chess_2/im1.png"],
-    # Numbers and words of other kinds.
+    # Names that only resemble those of views.
     ["a/im9.png", "a/im10.png", "a/im12.png"],
     ["a/view1.png", "a/view9.png"],
     ["a/bright.png", "a/blight.png", "a/cleft.png", "a/cright.png"],
     ["a/hall.png", "a/hall_l.png", "a/hallway_r.png"],
     ["a/IMG_0001.jpg", "a/IMG_0002.jpg", "a/IMG_0003.jpg"],
     ["a/left.png", "b/right.png"],
-    # Folders of several photographs.
+    # Folders with several photographs.
     [f"place/{number}.png" for number in range(5)],
     ["a/1.png", "a/2.png", "b/1.png", "b/2.png"],
 ]
@@ -85,7 +85,7 @@ def test_no_subject_is_in_two_splits(sizes, seed, both):
     assert set.union(*taken.values()) == {*chain.from_iterable(groups)}
     for group in groups:
         assert [bool(taken[name].intersection(group)) for name in names].count(True) == 1
-    # A further photograph of a subject moves none.
+    # Another photograph of a subject does not move the others to another split.
     groups[0].append(Path("more.png"))
     again = {name: share_photographs(Split(seed, name, held_out), groups, "photographs") for name in names}
     assert {name: again[name] - {Path("more.png")} for name in names} == taken
@@ -122,7 +122,7 @@ def test_a_subject_has_one_say_however_many_photographs_show_it(tmp_path):
     save(tmp_path / "many", **many)
     for number in range(1, 5):
         save(tmp_path / "single", **{f"s{number}": octaves(number, 240, 320)})
-    full = built(tmp_path, max_patches=80)  # of 12 photographs with 20 squares each
+    full = built(tmp_path, max_patches=80)  # 12 photographs with 20 squares each
     assert set(full.report.subjects.values()) == {"many/im0.png"}
     kept = Counter(patch.subject_name for patch in full.patches)
     assert kept == {"many/im0.png": 16, **{f"single/s{number}.png": 16 for number in range(1, 5)}}
@@ -133,7 +133,7 @@ def test_a_subject_has_one_say_however_many_photographs_show_it(tmp_path):
     assert "from 12 images of 5 subjects;" in full.report.summary()
     described = [patch.as_json().get("subject") for patch in full.patches]
     assert Counter(described) == {"many/im0.png": 16, None: 64}
-    # Fewer opened photographs do with fewer patches: no subject has more than another.
+    # With fewer patches, all subjects still have the same number.
     assert set(Counter(patch.subject_name for patch in built(tmp_path, max_patches=20).patches).values()) == {4}
     # Each subject has one large patch.
     atlas = built(tmp_path, max_patches=60, large_px=96)
