@@ -128,7 +128,7 @@ def checked(done):
     return done.output
 
 
-def is_refused(done, words):
+def fails(done, words):
     """Tell whether a command ended with an error message with these words, without a traceback."""
     said = done.output.rpartition("Error: ")[2]
     return (done.exit_code, words in said, "Traceback" in done.output) == (2, True, False)
@@ -312,8 +312,8 @@ def test_code_in_a_checkpoint_is_not_run(dataset, tmp_path):
     torch.save({"state_dict": Evil(), "hyper_parameters": {"network": Evil()}}, path)
     images = ("--left", dataset, "--right", dataset, "--out", tmp_path / "out")
     trained = run(*LEARNT, *CROP, "--data", dataset, "--pretrained", path, "--out", tmp_path / "out")
-    assert is_refused(trained, "evil.ckpt: expected weights of this network, and no code")
-    assert is_refused(run(path, *images, command=predict.main), "evil.ckpt: expected a checkpoint of train.py")
+    assert fails(trained, "evil.ckpt: expected weights of this network, and no code")
+    assert fails(run(path, *images, command=predict.main), "evil.ckpt: expected a checkpoint of train.py")
     assert not Path(Evil.path).exists()
 
 
@@ -340,7 +340,7 @@ def test_the_command_trains_judges_tunes_and_resumes(dataset, tmp_path):
     tuned = tmp_path / "tuned"
     checked(run(*options, tuned, "--pretrained", tmp_path / "out" / "checkpoint.ckpt"))
     assert checkpoint_of(tuned)["state_dict"]["network.number"] != 3
-    assert is_refused(run(*options, tuned), "checkpoint.ckpt: exists: add --resume")
+    assert fails(run(*options, tuned), "checkpoint.ckpt: exists: add --resume")
     checked(run(*options, tuned, "--resume"))
     assert checkpoint_of(tuned)["global_step"] == 3
 
@@ -396,7 +396,7 @@ def test_what_cannot_be_followed_is_refused_in_a_sentence(arguments, words, data
     monkeypatch.chdir(tmp_path)
     data = () if "--data" in arguments else ("--data", dataset)
     done = run(*LEARNT, *CROP, "--steps", 1, *data, *arguments)
-    assert is_refused(done, words), done.output
+    assert fails(done, words), done.output
 
 
 # --- real pairs ---
@@ -448,11 +448,9 @@ def test_the_trained_network_predicts_pairs(dataset, tmp_path):
         np.testing.assert_array_equal(PFM.decode((folder / "two.pfm").read_bytes(), folder), disparity)
     assert PFM.decode((found / "one.pfm").read_bytes(), found).shape == (40, 96)
     Image.fromarray(frame.left.image[:50]).save(scenes / "two" / "im0.png")
-    assert is_refused(predicted(), "two/im1.png: has (64, 96) px, ")
-    assert is_refused(predicted(left="one/im0.png"), "expected as many images of each, got 1 and 2")
-    assert is_refused(predicted(left="absent"), "no image matches")
-    assert is_refused(
-        predicted("--network", "their_networks:Learnt"), "of train.py with --network their_networks:Learnt"
-    )
+    assert fails(predicted(), "two/im1.png: has (64, 96) px, ")
+    assert fails(predicted(left="one/im0.png"), "expected as many images of each, got 1 and 2")
+    assert fails(predicted(left="absent"), "no image matches")
+    assert fails(predicted("--network", "their_networks:Learnt"), "of train.py with --network their_networks:Learnt")
     torch.save(module.network.state_dict(), weights)
-    assert is_refused(predicted(), "expected a checkpoint of train.py")
+    assert fails(predicted(), "expected a checkpoint of train.py")

@@ -39,7 +39,7 @@ def rod(start, stop, width_px, **depth):
     return polygon([start + aside, stop + aside, stop - aside, start - aside], **depth)
 
 
-def rendered(open_renderer, scenes, mode):
+def render(open_renderer, scenes, mode):
     """Render scenes of shapes in front of a wall, each shape with another patch; return both eyes' images."""
     shapes = [shape for own in scenes.values() for shape in own]
     images, first = {}, 1
@@ -94,7 +94,7 @@ SHAPES = {
 
 def test_outlines_come_near_to_many_samples(open_renderer):
     scenes = {name: shapes for name, (_, shapes) in SHAPES.items()}
-    none, edges, many = (rendered(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
+    none, edges, many = (render(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
     for name, (left, _) in SHAPES.items():
         assert error(none[name], many[name]) > 10, name
         assert error(edges[name], many[name]) < left * error(none[name], many[name]), name
@@ -165,7 +165,7 @@ def test_rods_thinner_than_a_pixel_are_whole(open_renderer):
         for width_px in (0.1, 0.2, 0.4, 0.55, 0.7, 0.9)
         for lean in (0.13, 0.37, 1.0)
     }
-    none, edges, many = (rendered(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
+    none, edges, many = (render(open_renderer, scenes, mode) for mode in ("none", "edges", "ssaa8"))
     wall = FLAT[0, 0, 0, :3]
     for (width_px, lean), reference in many.items():
         shown, true = (np.abs(images[width_px, lean] - wall).sum(axis=-1) for images in (edges, many))
@@ -181,7 +181,7 @@ def test_rods_thinner_than_a_pixel_are_whole(open_renderer):
 def test_what_the_near_plane_cuts_is_smooth_too(open_renderer):
     floor = make_mesh("floor", [[-1, 0.45, -1], [1, 0.45, -1], [0.2, 0.45, 6]], np.zeros((3, 2)), [[0, 1, 2]])
     none, edges, many = (
-        rendered(open_renderer, {"floor": [floor]}, mode)["floor"] for mode in ("none", "edges", "ssaa8")
+        render(open_renderer, {"floor": [floor]}, mode)["floor"] for mode in ("none", "edges", "ssaa8")
     )
     assert error(edges, many) < 0.02 * error(none, many)
 
