@@ -91,7 +91,7 @@ def test_crowds_are_as_if_everything_were_drawn(backend, drawn, monkeypatch, hid
     ("far", "seen"),
     [
         ((8, 8, 40, 30, 2.0), 1),
-        ((8, 8, 40, 30, 1.0004), 2),  # nearer than the margin of the occluders' depth
+        ((8, 8, 40, 30, 1.0004), 2),  # behind the occluder by less than the culling margin
         ((4, 4, 120, 90, 1.0), 2),  # at the same depth
         ((0, 8, 40, 30, 2.0), 2),  # partly beside the occluder
         ((8, 8, 40, 30, 0.99), 2),  # in front

@@ -196,7 +196,7 @@ def test_layers_of_a_patch_are_the_same_square_of_successive_frames(tmp_path):
 
 
 def test_clips_are_cut_to_fit_into_the_layers(tmp_path, monkeypatch):
-    paths = frames(tmp_path, 10)  # 4 squares
+    paths = frames(tmp_path, 10)  # 4 square crops a frame
     monkeypatch.setattr(clips, "MOST_FRAMES", 8)
     assert longest_clip(build(paths, sequence=True)) == 5  # 10 frames become 5 + 5
     for most in (3, 4, 9, 16, 30):
