@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
 from semisynth_gl.bench.accuracy import errors_text, scene_facts
-from semisynth_gl.bench.scenes import BenchScenes, TruthAtPixels, cast_truth, sample_scenes
+from semisynth_gl.bench.scenes import ConfigScenes, TruthAtPixels, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, headline, machine_facts, markdown
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import EYES
@@ -65,7 +65,7 @@ def measure(config: Config, seed: int, backend: Backend, pairs: int, rays: int, 
 
 
 def measure_variants(
-    bench: BenchScenes, variants: DisparityVariants, truths: Sequence[TruthAtPixels], repeats: int
+    bench: ConfigScenes, variants: DisparityVariants, truths: Sequence[TruthAtPixels], repeats: int
 ) -> list[dict[str, Any]]:
     """Measure the usable variants: the time to render and read back both disparities, and the error."""
     truth = np.concatenate([part.disparity_px for part in truths])
@@ -95,7 +95,7 @@ def measure_variants(
 
 
 def measure_modes(
-    bench: BenchScenes, outlines: Sequence[NDArray[np.bool_]], backend: Backend, repeats: int
+    bench: ConfigScenes, outlines: Sequence[NDArray[np.bool_]], backend: Backend, repeats: int
 ) -> list[dict[str, Any]]:
     """Measure the antialiasing modes: the time to render both images with both disparities, and PSNR.
 

@@ -29,9 +29,9 @@ from .pairs.pipeline import Pair as Pair
 from .pairs.pipeline import PairRenderer as PairRenderer
 from .pairs.pipeline import render_pair as render_pair
 from .render.renderer import Renderer as Renderer
-from .scene.scene import Motion as Motion
 from .scene.scene import Projector as Projector
 from .scene.scene import Scene as Scene
+from .scene.scene import SceneMotion as SceneMotion
 from .scene.scene import make_scene as make_scene
 from .scene.scene import move as move
 

@@ -14,7 +14,7 @@ from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.raycast import RayHits, vertices_in_view
-from semisynth_gl.scene.scene import Motion, Scene
+from semisynth_gl.scene.scene import Scene, SceneMotion
 
 
 def correspondence_px(
@@ -39,7 +39,7 @@ def disparity_of(eye: Eye, correspondence: Floats) -> Floats:
 def flow(
     scene: Scene,
     models: Sequence[Mesh],
-    motion: Motion,
+    motion: SceneMotion,
     eye: Eye,
     x_px: Floats,
     y_px: Floats,

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from semisynth_gl.augmentation.colour import mean_luminance, recoloured
-from semisynth_gl.augmentation.geometry import Warp, mirrored, occluded
+from semisynth_gl.augmentation.geometry import PairWarp, mirrored, occluded
 from semisynth_gl.frame.camera import EYES, Crop, Eye
 from semisynth_gl.frame.channels import CHANNELS, ViewArrays
 from semisynth_gl.frame.frame import Frame
@@ -25,7 +25,7 @@ class SequenceChanges:
     """The changes of a sequence's pairs, in the order in which they are applied."""
 
     mirrored: bool
-    warp: Warp
+    warp: PairWarp
     size: Size | None  # of the result; None for the image's size
     rectangles: tuple[Crop, ...]
     colours: Mapping[Eye, Mapping[str, Any]]  # the keyword arguments of `recoloured`
@@ -135,7 +135,7 @@ class Augmentation(CheckedFields):
         least = self._least_scale(size, image_size) if self._moves else 0.0
         scale_x, scale_y = max(scale * stretch, least), max(scale, least)
         right_y_px, right_roll_deg = rng.uniform(*self.right_y_px), rng.uniform(*self.right_roll_deg)
-        warp = Warp(scale_x, scale_y, right_y_px, radians(right_roll_deg), margin)
+        warp = PairWarp(scale_x, scale_y, right_y_px, radians(right_roll_deg), margin)
         tone = self._tone(rng)
         tones = tone, self._tone(rng) if is_asymmetric else tone
         colours = {

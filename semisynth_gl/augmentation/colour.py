@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageStat
 
-from semisynth_gl.pairs.imperfections import LUMINANCE, Imperfections, apply_imperfections
+from semisynth_gl.pairs.imperfections import LUMINANCE, ImageImperfections, apply_imperfections
 
 # NTSC's axes Y, I and Q.
 _YIQ = np.array([LUMINANCE, [0.5959, -0.2746, -0.3213], [0.2115, -0.5227, 0.3112]])
@@ -35,8 +35,8 @@ def recoloured(
     """Return an image, (H, W, 3) uint8 or monochrome (H, W), with changed colours; see `Augmentation`.
 
     Contrast scales differences from the luminance ``mean``. Brightness, contrast, saturation, hue and white balance, in
-    this order, are one linear step with one rounding; `Imperfections` makes the other changes. Strong saturation and
-    rotation of the hue may increase a difference of one level between two images to 5 levels.
+    this order, are one linear step with one rounding; `ImageImperfections` makes the other changes. Strong saturation
+    and rotation of the hue may increase a difference of one level between two images to 5 levels.
     """
     factor, offset = brightness * contrast, (1 - contrast) * mean * brightness
     if image.ndim == 2:
@@ -48,4 +48,4 @@ def recoloured(
         table = np.column_stack([np.linalg.solve(_YIQ, mixing @ _YIQ) * factor, np.full(3, offset)])
         table *= np.array(white_balance)[:, None]
         changed = np.asarray(Image.fromarray(image).convert("RGB", tuple(table.ravel().tolist())))
-    return apply_imperfections(changed, Imperfections(blur_px=blur_px, noise=noise, gamma=gamma), rng)
+    return apply_imperfections(changed, ImageImperfections(blur_px=blur_px, noise=noise, gamma=gamma), rng)

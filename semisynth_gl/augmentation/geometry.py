@@ -84,7 +84,7 @@ def _masked(mask: NDArray[np.uint8], offset: NDArray[np.floating], hidden: NDArr
 
 
 @dataclass(frozen=True, slots=True)
-class Warp:
+class PairWarp:
     """Scales a crop of a pair, and moves its right image: a shift, and a rotation about its principal point."""
 
     scale_x: float = 1.0
@@ -155,7 +155,7 @@ def _truth(view: ViewArrays, points: SamplePoints) -> dict[str, NDArray[Any]]:
 class _Movement:
     """The rotation and shift of the right image, px before scaling."""
 
-    def __init__(self, warp: Warp, camera: StereoCamera) -> None:
+    def __init__(self, warp: PairWarp, camera: StereoCamera) -> None:
         self._cos, self._sin = np.cos(warp.right_roll_rad), np.sin(warp.right_roll_rad)
         # The off-diagonal terms of the rotation in px, which differ if fy is not fx.
         self._y_of_x = self._sin * camera.fy_over_fx

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.bench.scenes import BenchScenes, TruthAtPixels, cast_truth, sample_scenes
+from semisynth_gl.bench.scenes import ConfigScenes, TruthAtPixels, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES, StereoCamera
@@ -36,7 +36,7 @@ def measure(
     return {**scene_facts(bench, seed, truths), "machine": machine_facts() | driver, "disparity": error}
 
 
-def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[TruthAtPixels]) -> dict[str, Any]:
+def scene_facts(bench: ConfigScenes, seed: int, truths: Sequence[TruthAtPixels]) -> dict[str, Any]:
     """Return config, seed, number and sizes (width, height) of the scenes, and numbers of compared and other pixels."""
     return {
         "config": bench.config.name,

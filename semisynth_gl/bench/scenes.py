@@ -14,7 +14,7 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.pairs.pipeline import renderer_options
 from semisynth_gl.render import Backend
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.mix import RecipeMixSampler
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import Scene
 from semisynth_gl.scene.sources import SceneSources, prepare_sources
@@ -26,7 +26,7 @@ _FROM_EDGE_PX = 1 / 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BenchScenes:
+class ConfigScenes:
     """The scenes of a config's first pairs, with their models and the sources of their patches."""
 
     config: Config
@@ -46,7 +46,8 @@ class BenchScenes:
 class TruthAtPixels:
     """The disparity at N pixels of one eye of a scene, by rays; inf if the ray hits nothing.
 
-    ``scene`` is the scene's index in `BenchScenes`. ``left_out`` is the number of sampled pixels that are not compared.
+    ``scene`` is the scene's index in `ConfigScenes`. ``left_out`` is the number of sampled pixels that are not
+    compared.
     """
 
     scene: int
@@ -57,14 +58,14 @@ class TruthAtPixels:
     left_out: int
 
 
-def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
+def sample_scenes(config: Config, seed: int, pairs: int) -> ConfigScenes:
     """Sample the scenes of a config's first pairs; raises InputError if images, models or ranges cannot be used."""
     sources = prepare_sources(config, Split(seed))
-    sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
-    return BenchScenes(config, sources, sampler.models, [sampler.sample(index).scene for index in range(pairs)])
+    sampler = RecipeMixSampler(config, seed, sources.libraries, sources.atlas.patches)
+    return ConfigScenes(config, sources, sampler.models, [sampler.sample(index).scene for index in range(pairs)])
 
 
-def cast_truth(bench: BenchScenes, rays: int, rng: np.random.Generator) -> list[TruthAtPixels]:
+def cast_truth(bench: ConfigScenes, rays: int, rng: np.random.Generator) -> list[TruthAtPixels]:
     """Cast ``rays`` rays through random pixels of each eye of each scene, and return the disparities of their hits.
 
     Pixels within 1/16 px of a different triangle are left out. Four more rays per pixel decide that, not the rendered

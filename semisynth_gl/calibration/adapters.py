@@ -30,7 +30,7 @@ _DEPTHAI_LENSES = {0: ("radtan", 14), 1: ("fisheye", 4)}
 _BASALT_POSE = ("px", "py", "pz", "qx", "qy", "qz", "qw")
 
 
-class RenamedTree(NamedTuple):
+class CalibrationTree(NamedTuple):
     """Renamed values of a calibration.
 
     The name of a pose (4, 4) from frame b to frame a is ("pose", a, b); a frame is a camera's number or any other name.
@@ -43,14 +43,14 @@ class RenamedTree(NamedTuple):
     """Unit of lengths; None if the format does not fix it."""
 
 
-def middlebury(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+def middlebury(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
     """Read calib.txt of Middlebury and ETH3D: cam0, cam1, and the baseline in mm."""
     if not tree.keys() >= {("cam0",), ("cam1",), ("baseline",)}:
         return None
-    return RenamedTree(tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)})
+    return CalibrationTree(tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)})
 
 
-def zed(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
+def zed(tree: Tree, size: ImageSize | None) -> CalibrationTree | None:
     """Read ZED's SN*.conf: cameras for each mode, the translation in mm, and a rotation vector."""
     if ("STEREO", "Baseline") not in tree:
         return None
@@ -62,10 +62,10 @@ def zed(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
     t_mm += [_number(tree, "STEREO", key, missing=0.0) for key in ("TY", "TZ")]
     rotation = [_number(tree, "STEREO", f"{key}_{mode}", missing=0.0) for key in ("RX", "CV", "RZ")]
     made |= {("R",): np.array(rotation), ("T",): np.array(t_mm) / 1000, ("size",): np.array(_ZED_SIZES[mode], float)}
-    return RenamedTree(made)
+    return CalibrationTree(made)
 
 
-def realsense(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
+def realsense(tree: Tree, size: ImageSize | None) -> CalibrationTree | None:
     """Read the calibration that RealSense's viewer saves: rectified cameras for each size, the baseline in mm."""
     numbers = [name[1] for name in tree if name[0] == "rectified" and name[-1] == "fx"]
     if not numbers or ("baseline",) not in tree:
@@ -73,10 +73,10 @@ def realsense(tree: Tree, size: ImageSize | None) -> RenamedTree | None:
     sizes = {n: ImageSize(*(int(_number(tree, "rectified", n, side)) for side in ("width", "height"))) for n in numbers}
     number = _mode_of_size({n: own for n, own in sizes.items() if min(own) > 0}, size)
     made = {name[2:]: value for name, value in tree.items() if name[:2] == ("rectified", number)}
-    return RenamedTree(made | {("baseline",): np.array(abs(_number(tree, "baseline")) / 1000)})
+    return CalibrationTree(made | {("baseline",): np.array(abs(_number(tree, "baseline")) / 1000)})
 
 
-def mrcal(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+def mrcal(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
     """Read .cameramodel files of mrcal: K and D in one list, and the camera's pose as rotation and translation."""
     made = dict(tree)
     for name in (name[:-1] for name in tree if name[-1] == "lensmodel"):
@@ -86,10 +86,10 @@ def mrcal(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
             raise FormatError("expected intrinsics of 4 or more numbers, and extrinsics of 6")
         made |= {(*name, "K"): camera_matrix(*intrinsics[:4]), (*name, "D"): intrinsics[4:]}
         made[*name, "T_cam_ref"] = pose_of(np.array(rotation_of((pose[0], pose[1], pose[2]))), pose[3:])
-    return RenamedTree(made) if len(made) > len(tree) else None
+    return CalibrationTree(made) if len(made) > len(tree) else None
 
 
-def depthai(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+def depthai(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
     """Read what DepthAI's eepromToJsonFile writes about an OAK: cameras by socket, linked by poses in cm."""
     made: Tree = {}
     cameras = dict.fromkeys(name[:2] for name in tree if name[0] == "cameraData" and len(name) > 2)
@@ -109,31 +109,31 @@ def depthai(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     if not cameras:
         return None
     left, right = (int(_number(tree, "stereoRectificationData", f"{eye}CameraSocket")) for eye in ("left", "right"))
-    return RenamedTree(made, (str(left), str(right)))
+    return CalibrationTree(made, (str(left), str(right)))
 
 
-def kitti(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+def kitti(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
     """Read KITTI's rectified colour cameras, or else the grey ones. Rectified images show a part of the raw ones."""
     names = {name[-1] for name in tree}
     for pair in (("2", "3"), ("0", "1")):
         if {f"P_rect_0{number}" for number in pair} <= names:
-            return RenamedTree({name: value for name, value in tree.items() if "_rect_" in name[-1]}, pair)
+            return CalibrationTree({name: value for name, value in tree.items() if "_rect_" in name[-1]}, pair)
         if {f"P{number}" for number in pair} <= names:
-            return RenamedTree(tree, pair)
+            return CalibrationTree(tree, pair)
     return None
 
 
-def kalibr(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+def kalibr(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
     """Read Kalibr's camchain: T_cn_cnm1 of camera n is the pose from camera n - 1 to camera n."""
     made = dict(tree)
     for name in (name for name in tree if name[-1] == "T_cn_cnm1"):
         _, camera = key_and_camera(name[:-1])
         if camera.isdigit():
             made["pose", camera, str(int(camera) - 1)] = tree[name]
-    return RenamedTree(made) if len(made) > len(tree) else None
+    return CalibrationTree(made) if len(made) > len(tree) else None
 
 
-def basalt(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+def basalt(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
     """Read Basalt's JSON: lists of intrinsics, sizes, and poses as translation and quaternion."""
     cameras = [name[2] for name in tree if name[:2] == ("value0", "intrinsics") and name[-1] == "camera_type"]
     if not cameras:
@@ -148,10 +148,10 @@ def basalt(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
             raise FormatError("has a quaternion of length 0")
         rotation = rotations_from_quaternions((np.array(quaternion) / length)[None])[0]
         made["pose", "body", camera] = pose_of(rotation, np.array([px, py, pz]))
-    return RenamedTree(made)
+    return CalibrationTree(made)
 
 
-def stella(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+def stella(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
     """Read Stella's and OpenVSLAM's YAML: Camera is both rectified cameras, StereoRectifier the raw ones."""
     if ("StereoRectifier", "K_left") not in tree:
         return None
@@ -159,10 +159,10 @@ def stella(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
     left = np.hstack([camera_matrix(fx, fy, cx, cy), np.zeros((3, 1))])
     right = left.copy()
     right[0, 3] = -product
-    return RenamedTree(tree | {("P_left",): left, ("P_right",): right})
+    return CalibrationTree(tree | {("P_left",): left, ("P_right",): right})
 
 
-def matlab(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
+def matlab(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
     """Read MATLAB's stereoParameters: what toStruct returns, or single fields as in IntrinsicMatrix1.
 
     Matrices are for row vectors, and sizes have the height first.
@@ -181,10 +181,10 @@ def matlab(tree: Tree, _size: ImageSize | None) -> RenamedTree | None:
         made[number, "K"] = k if is_camera_matrix(k) else k.T
         made[number, "D"] = np.concatenate([radial[:2], tangential, radial[2:]])
         made[number, "image_shape"] = _array(own, "ImageSize")
-    return RenamedTree(made, unit=None)
+    return CalibrationTree(made, unit=None)
 
 
-Adapter = Callable[[Tree, ImageSize | None], RenamedTree | None]
+Adapter = Callable[[Tree, ImageSize | None], CalibrationTree | None]
 ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti, kalibr, basalt, stella, matlab)
 """Each returns None for other formats. The size is None unless the user gave one or the photographs have one."""
 

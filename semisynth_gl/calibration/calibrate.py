@@ -16,9 +16,9 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
 from semisynth_gl.inputs.user_files import Files, names_of
-from semisynth_gl.judge.measured_view import working_width
+from semisynth_gl.judge.measure_input import working_width
 from semisynth_gl.judge.place import map_files, measure_place
-from semisynth_gl.lens.chain import LensChain
+from semisynth_gl.lens.rectification import EyeRectification
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.image_files import find_images
@@ -123,7 +123,7 @@ def calibrate(
     try:
         # Raises if OpenCV is missing, or if a lens maps two directions of the rectified image to one pixel.
         for eye, raw in (rig.raw or {}).items():
-            LensChain(raw, rig.camera, eye, "black")
+            EyeRectification(raw, rig.camera, eye, "black")
     except InputError as error:
         rig = replace(rig, raw=None)
         notes.append(f"the lenses were ignored: {error}")

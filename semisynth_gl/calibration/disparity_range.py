@@ -34,7 +34,7 @@ _MOST_RATIO = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DisparityRange:
+class DisparityDistribution:
     """Values of the section ``disparity``: its limits, and a histogram whose bins of ``bin_px`` begin at min_px."""
 
     min_px: float
@@ -50,7 +50,7 @@ def disparity_range(
     png_scale: float = KITTI_DISPARITY.steps,
     range_px: tuple[float, float] | None = None,
     range_m: tuple[float, float] | None = None,
-) -> DisparityRange:
+) -> DisparityDistribution:
     """Return the range and the histogram of disparity, from maps, a range of disparities or a range of distances.
 
     16-bit PNG maps have ``png_scale`` levels per pixel. Raises InputError if none of the three is given, or they do not
@@ -98,7 +98,7 @@ def measure_maps(paths: Sequence[Path], size: ImageSize, png_scale: float = KITT
     return Histogram.from_counts(edges, shares)
 
 
-def measured_range(histogram: Histogram, doffs_px: float = 0.0) -> DisparityRange:
+def measured_range(histogram: Histogram, doffs_px: float = 0.0) -> DisparityDistribution:
     """Return the range of the disparities in a histogram with fine bins, such as that of `measure_maps`.
 
     It begins at the 0.001 quantile, rounded down, and ends at 1.1 times the 0.999 quantile, rounded up to whole bins.
@@ -111,10 +111,10 @@ def measured_range(histogram: Histogram, doffs_px: float = 0.0) -> DisparityRang
     step = 10.0 ** (math.floor(math.log10(low - farthest)) - 1)
     first = farthest + float(f"{math.floor((low - farthest) / step) * step:.6g}")
     edges, bin_px = _bins(first, high * _HEADROOM)
-    return DisparityRange(first, float(edges[-1]), bin_px, histogram.rebinned(edges))
+    return DisparityDistribution(first, float(edges[-1]), bin_px, histogram.rebinned(edges))
 
 
-def chosen_range(low_px: float, high_px: float, doffs_px: float = 0.0) -> DisparityRange:
+def chosen_range(low_px: float, high_px: float, doffs_px: float = 0.0) -> DisparityDistribution:
     """Return a given range with a smooth histogram; raises InputError if it is empty or reaches infinity.
 
     ``doffs_px`` is cx_right - cx_left.
@@ -125,7 +125,7 @@ def chosen_range(low_px: float, high_px: float, doffs_px: float = 0.0) -> Dispar
     # Proportional to the integral of x exp(-x / h): a gamma distribution of shape 2.
     hump = 1 - (1 + inside / _HUMP) * np.exp(-inside / _HUMP)
     cumulative = _EVEN_PART * inside + (1 - _EVEN_PART) * hump / hump[-1]
-    return DisparityRange(low_px, high_px, bin_px, Histogram.from_counts(edges, np.diff(cumulative)))
+    return DisparityDistribution(low_px, high_px, bin_px, Histogram.from_counts(edges, np.diff(cumulative)))
 
 
 def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:

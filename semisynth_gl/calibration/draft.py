@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedSeq
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
-from semisynth_gl.calibration.disparity_range import DisparityRange
+from semisynth_gl.calibration.disparity_range import DisparityDistribution
 from semisynth_gl.calibration.rig import RectifiedRig
 from semisynth_gl.calibration.sizes import ImageSize
 from semisynth_gl.config import Config
@@ -64,7 +64,7 @@ class ConfigDraft:
     """
 
     rig: RectifiedRig
-    disparity: DisparityRange
+    disparity: DisparityDistribution
     sections: dict[str, Any]
 
     def config(self) -> Config:
@@ -85,7 +85,11 @@ class ConfigDraft:
 
 
 def describe(
-    name: str, rig: RectifiedRig, images: Sequence[str], disparity: DisparityRange, photographed: Sequence[ImageSize]
+    name: str,
+    rig: RectifiedRig,
+    images: Sequence[str],
+    disparity: DisparityDistribution,
+    photographed: Sequence[ImageSize],
 ) -> ConfigDraft:
     """Draft a config without trials: recipes of equal weights, and textures as in the packaged configs.
 
@@ -147,7 +151,7 @@ def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:
     return {"model": raw.model, "raw_width_px": raw.width_px, "raw_height_px": raw.height_px, **eyes}
 
 
-def _background(rig: RectifiedRig, disparity: DisparityRange) -> dict[str, Any]:
+def _background(rig: RectifiedRig, disparity: DisparityDistribution) -> dict[str, Any]:
     """Return the section background: a back wall; outdoors, a far plane between min_px and infinity.
 
     The wall's rotation is limited so that its disparity changes by one bin from the middle of the image to the side: if
@@ -170,7 +174,7 @@ def _background(rig: RectifiedRig, disparity: DisparityRange) -> dict[str, Any]:
     }
 
 
-def is_outdoors(rig: RectifiedRig, disparity: DisparityRange) -> bool:
+def is_outdoors(rig: RectifiedRig, disparity: DisparityDistribution) -> bool:
     """Return whether more than 2 % of the wanted pixels are farther than 20 m.
 
     A view is indoors if its largest depth is less than three times its smallest: only a wall can end it there.
@@ -181,7 +185,7 @@ def is_outdoors(rig: RectifiedRig, disparity: DisparityRange) -> bool:
     return float(disparity.target.cumulative(rig.camera.focal_baseline / _INDOOR_M - doffs_px)) > _OUTDOOR_FROM
 
 
-def suitable_recipes(rig: RectifiedRig, disparity: DisparityRange) -> list[dict[str, Any]]:
+def suitable_recipes(rig: RectifiedRig, disparity: DisparityDistribution) -> list[dict[str, Any]]:
     """Return the recipes that suit the wanted disparities.
 
     Rooms, streets and still lifes state their particles as layers, since walls, ground and panels already have the

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from semisynth_gl.calibration.draft import TEXELS, ConfigDraft, rounded
 from semisynth_gl.config.load import parse_values
 from semisynth_gl.judge.comparison import Values, standard_deviation
-from semisynth_gl.judge.measured_view import make_view, working_width
+from semisynth_gl.judge.measure_input import make_measure_input, working_width
 from semisynth_gl.judge.measures import MEASURES, measure_view
 from semisynth_gl.listener import Listener
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
+from semisynth_gl.pairs.imperfections import ImageImperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.seeds.seeds import Purpose, generator
 
@@ -84,13 +84,13 @@ def fit(draft: ConfigDraft, reference: Values, pairs: int, listener: Listener) -
 def _measures_by_blur(pair: Pair, width_px: int, blur_scale: float) -> Floats:
     """Return a trial pair's M measures with each of `BLURS`, (B, M); nan for a missing measure."""
     view, of_images = pair.frame.left, [measure for measure in MEASURES if measure.of_images]
-    measured = make_view(working_width(width_px), view.image, view.disparity)
+    measured = make_measure_input(working_width(width_px), view.image, view.disparity)
     of_map = measure_view(measured, [measure for measure in MEASURES if not measure.of_images])
     found = []
     for blur in BLURS:
-        imperfections = Imperfections(blur * blur_scale, 0.0, 0.0, 1.0)
+        imperfections = ImageImperfections(blur * blur_scale, 0.0, 0.0, 1.0)
         image = apply_imperfections(view.image, imperfections, generator(_SEED, Purpose.IMPERFECTIONS, pair.index))
-        blurred = replace(measured, luminance=make_view(working_width(width_px), image).luminance)
+        blurred = replace(measured, luminance=make_measure_input(working_width(width_px), image).luminance)
         measures = of_map | measure_view(blurred, of_images)
         found.append([measures.get(measure.key, np.nan) for measure in MEASURES])
     return np.array(found, np.float64)

@@ -58,7 +58,7 @@ def _summary(found: Verification, seconds: float) -> str:
         "visibility_left_disagree_share": "masks disagree in {:.3%}",
         "oracle_disparity_largest_px": "rays within {:.1e} px",
     }.items():
-        values = [abs(verdict.measures[name]) for verdict in found.verdicts if name in verdict.measures]
+        values = [abs(results.measures[name]) for results in found.all_results if name in results.measures]
         if values:
             parts.append(text.format(max(values)))
     speed = f"{seconds / max(found.pairs, 1):.2f} s a pair"

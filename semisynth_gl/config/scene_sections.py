@@ -131,7 +131,7 @@ class StructuresSection(ConfigSection):
     """share of panels bent into a third of a cylinder"""
 
 
-class DepthLayerSection(ConfigSection):
+class ParticleLayerSection(ConfigSection):
     """A depth layer of particles."""
 
     disparity_px: RangeField | None = None
@@ -145,9 +145,9 @@ class DepthLayerSection(ConfigSection):
 class ParticlesSection(ConfigSection):
     """The particles: models that fall or float in front of the background."""
 
-    layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] | None = None
+    layers: Annotated[tuple[ParticleLayerSection, ...], FROM_LIST] | None = None
     """depth layers, as in ``clutter``; by default solved from ``disparity.target``"""
-    clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] = ()
+    clutter: Annotated[tuple[ParticleLayerSection, ...], FROM_LIST] = ()
     """further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges"""
     density: Literal["sparse", "default", "dense"] = "default"
     """number in view; ``sparse``: a third as many models, but larger; ``dense``: three times as many, but smaller"""

@@ -216,7 +216,7 @@ class _Patch(DatasetDocument):
     subject: _Text = ""
 
 
-class SplitSources(DatasetDocument):
+class SplitPatches(DatasetDocument):
     """The patches of a split in the index. Readers ignore the split's other sources: photographs and models."""
 
     patches: list[_Patch] = []
@@ -243,7 +243,7 @@ class DatasetIndex(DatasetPlan):
     """The index of a dataset: its plan, its sources and its shards."""
 
     renderers: list[str]
-    split_sources: dict[SplitName, SplitSources] = Field(alias="splits")
+    split_sources: dict[SplitName, SplitPatches] = Field(alias="splits")
     shard_entries: list[ShardEntry] = Field(alias="shards")
 
     @model_validator(mode="after")

@@ -19,7 +19,7 @@ from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render import Backend
 from semisynth_gl.render.context import check_libraries
-from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.mix import RecipeMixSampler
 from semisynth_gl.scene.sources import SceneSources, prepare_sources
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import reaching_source
@@ -140,7 +140,7 @@ def _describe(plan: DatasetPlan, sources: Mapping[SplitName, SceneSources], list
     first = plan.splits[0]
     seed, patches = plan.split(first).seed, sources[first].atlas.patches
     # Solve the scenes before workers start, so that all workers find the result in the cache.
-    MixSampler(plan.config, seed, sources[first].libraries, patches).expected()
+    RecipeMixSampler(plan.config, seed, sources[first].libraries, patches).expected()
 
 
 def _shard_numbers(shards: Sequence[Shard], numbers: range | None) -> range:

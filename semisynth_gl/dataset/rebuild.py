@@ -5,7 +5,7 @@ from semisynth_gl.dataset.reader import StoredIndex
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.plugins import require_plugins
-from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.mix import RecipeMixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import SplitName
@@ -31,7 +31,7 @@ class RebuiltScenes:
         # A different version of a plug-in may make different models. Recipes of plug-ins are part of the config.
         require_plugins(f"{index.root}: the scenes cannot be rebuilt", "models", plan.plugins.get("models", {}))
         patches = tuple(Patch(**patch.values()) for patch in sources.patches)
-        self._sampler = MixSampler(self.config, part.seed, recipe_libraries(self.config, part), patches)
+        self._sampler = RecipeMixSampler(self.config, part.seed, recipe_libraries(self.config, part), patches)
         self.models: tuple[Mesh, ...] = self._sampler.models
 
     def sampled(self, frame: StoredFrame) -> SampledScene | None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.frame import Frame, as_rgb, finite_range
 from semisynth_gl.histogram import Histogram, count_pixels, total_variation
-from semisynth_gl.judge.comparison import Row
+from semisynth_gl.judge.comparison import MeasureComparison
 from semisynth_gl.judge.pictures import COLOUR_MAP
 
 Shares = NDArray[np.floating]
@@ -93,7 +93,7 @@ def _plot_shares(axis: Axes, edges: Shares, filled: Shares | None, outline: Shar
     axis.margins(x=0)
 
 
-def plot_report(achieved: Histogram | None, target: Histogram, rows: Sequence[Row]) -> str:
+def plot_report(achieved: Histogram | None, target: Histogram, rows: Sequence[MeasureComparison]) -> str:
     """Plot the distribution of disparity, and each measure's distributions in the dataset and in the place's pictures.
 
     Returns:

@@ -26,7 +26,7 @@ Values = Mapping[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Row:
+class MeasureComparison:
     """A measure of a dataset, compared with the same measure of its place.
 
     Attributes:
@@ -103,7 +103,7 @@ def standard_deviation(values: NDArray[np.float64]) -> float:
     return max(float(values.std(ddof=1)), 0.05 * mean) if len(values) > 1 else 0.25 * mean
 
 
-def compare(dataset: Values, place: Values, recipes: Sequence[Mapping[str, Any]]) -> list[Row]:
+def compare(dataset: Values, place: Values, recipes: Sequence[Mapping[str, Any]]) -> list[MeasureComparison]:
     """Compare each measure that the dataset's left views or the place's pictures have.
 
     ``recipes`` are the configs of the recipes in JSON's types, or only the config if it has no recipes.
@@ -117,15 +117,17 @@ def compare(dataset: Values, place: Values, recipes: Sequence[Mapping[str, Any]]
 
 def _row(
     measure: Measure, dataset: NDArray[np.float64], place: NDArray[np.float64], recipes: Sequence[Mapping[str, Any]]
-) -> Row:
+) -> MeasureComparison:
     if len(dataset) == 0 or len(place) < MIN_PICTURES:
-        return Row(measure, dataset, place)
+        return MeasureComparison(measure, dataset, place)
     from scipy.stats import wasserstein_distance  # noqa: PLC0415 - slow to load
 
     deviation = standard_deviation(place)
     if deviation == 0:
         # All values of the place are 0.
-        return Row(measure, dataset, place, advice=advice(measure, recipes, more=False) if dataset.any() else "")
+        return MeasureComparison(
+            measure, dataset, place, advice=advice(measure, recipes, more=False) if dataset.any() else ""
+        )
     difference = float(dataset.mean() - place.mean()) / deviation
     distance = float(wasserstein_distance(dataset, place)) / deviation
     change = ""
@@ -134,7 +136,7 @@ def _row(
     elif distance > 1:
         vary = "more: add recipes to scenes, or widen ranges" if dataset.std() < place.std() else "less: narrow ranges"
         change = f"the mean fits, but pairs should vary {vary}"
-    return Row(measure, dataset, place, difference, distance, change)
+    return MeasureComparison(measure, dataset, place, difference, distance, change)
 
 
 def find_outliers(pairs: Sequence[MeasuredPair]) -> list[Outlier]:
@@ -158,7 +160,7 @@ def find_outliers(pairs: Sequence[MeasuredPair]) -> list[Outlier]:
     return sorted(outliers, key=lambda outlier: -outlier.deviations)
 
 
-def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
+def table(rows: Sequence[MeasureComparison]) -> list[tuple[str, ...]]:
     """Return a table as texts: `HEAD`, and a row for each measure; without a place, only the first three columns."""
     texts = [
         (
@@ -176,7 +178,7 @@ def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
     return [each[:columns] for each in (HEAD, *texts)]
 
 
-def summary(rows: Sequence[Row]) -> list[str]:
+def summary(rows: Sequence[MeasureComparison]) -> list[str]:
     """Return lines: how many measures are near the place's, and the advice, the most distant measure first."""
     distances = [row.distance for row in rows if row.distance is not None]
     near = sum(distance <= 1 for distance in distances)

@@ -28,7 +28,7 @@ class Finding:
 
 
 @dataclass(slots=True)
-class Verdict:
+class CheckResults:
     """The results of all checks of a pair, or of the dataset as a whole; ``scene`` is as in `Finding`.
 
     Findings are in the order of the checks. Measures are numbers by name; a measure's name ends in its unit.

@@ -10,7 +10,7 @@ from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import OTHER_EYE, Eye
 from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.frame.raw_camera import RawCamera
-from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.findings import CheckResults
 from semisynth_gl.judge.interpolation import Floats, interpolate, pixels_around
 from semisynth_gl.lens.borders import valid_at
 
@@ -44,7 +44,7 @@ def hidden_by_borders(
     return ~(valid & np.logical_or.reduce(ends)), ~(valid & np.logical_and.reduce(ends))
 
 
-def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def check_lens(frame: StoredFrame, eye: Eye, results: CheckResults) -> None:
     """Compare a view's ``valid``, ``raw_map`` and ``raw``, if present, with the lens of the pair's provenance.
 
     The lens maps each pixel to a position in the raw image. ``raw_map`` must equal these positions, and ``valid`` must
@@ -57,7 +57,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     try:
         raw = RawCamera.from_record(frame.provenance["lens"][eye])
     except (KeyError, TypeError, ValueError):
-        verdict.add(present[0], f"{present[0]}_{eye}: the pair's provenance has no valid camera lens.{eye}")
+        results.add(present[0], f"{present[0]}_{eye}: the pair's provenance has no valid camera lens.{eye}")
         return
     y_px, x_px = np.mgrid[: view.image.shape[0], : view.image.shape[1]].astype(np.float64)
     # nan for points behind the raw camera.
@@ -66,12 +66,12 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     within_px = np.minimum(positions, np.array([raw.width_px, raw.height_px]) - 1 - positions).min(axis=2)
     if "valid" in view:
         wrong = np.where(view.valid == VISIBLE, ~(within_px >= -_BORDER_PX), within_px > _BORDER_PX)
-        verdict.add_pixels("valid", eye, "disagrees with the lens", wrong)
+        results.add_pixels("valid", eye, "disagrees with the lens", wrong)
     if "raw_map" in view:
         bounds = _MAP_PX + _MAP_SHARE * np.nan_to_num(np.maximum(-within_px, 0), posinf=0)[..., None]
         expected = np.where(np.isnan(positions), np.inf, positions)
         wrong = ~np.isclose(view["raw_map"], expected, rtol=0, atol=bounds).all(axis=2)
-        verdict.add_pixels("raw_map", eye, "disagrees with the lens", wrong)
+        results.add_pixels("raw_map", eye, "disagrees with the lens", wrong)
     if "raw" in view:
         wrong, seen = np.zeros(within_px.shape, bool), within_px >= 0
         around = pixels_around(view["raw"].astype(np.float32), *positions[seen].T)
@@ -79,4 +79,4 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         bound = np.ptp(around, axis=0) / _STEPS_PER_PX + 1
         levels = view.image[seen].reshape(len(bound), -1)
         wrong[seen] = (np.abs(levels - interpolate(around, *positions[seen].T)) > bound).any(axis=1)
-        verdict.add_pixels("raw", eye, "does not rectify to the image", wrong)
+        results.add_pixels("raw", eye, "does not rectify to the image", wrong)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.findings import CheckResults
 from semisynth_gl.judge.interpolation import Floats, interpolate, pixels_around
 from semisynth_gl.judge.lens import hidden_by_borders
 
@@ -45,7 +45,7 @@ _MOST_LEVELS = 20.0
 _LEAST_CHANGE = 0.1
 
 
-def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def check_masks(frame: StoredFrame, eye: Eye, results: CheckResults) -> None:
     """Check the masks of a view's disparity and flow at each pixel.
 
     A mask must be 0 where there is no vector or the vector leads out of the second image, and nowhere else. It must not
@@ -65,13 +65,13 @@ def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         outside = known & (within_px < -_BORDER_PX - error_px)
         inside = known & (within_px > _BORDER_PX + error_px)
         hidden, _ = hidden_by_borders(frame, eye, channel, vectors, error_px)
-        verdict.add_pixels(mask_name, eye, f"is not 0 without {channel}", ~known & (mask != OUTSIDE))
-        verdict.add_pixels(mask_name, eye, "is not 0 for a point outside the image", outside & (mask != OUTSIDE))
-        verdict.add_pixels(mask_name, eye, "is 0 for a point in the image", inside & (mask == OUTSIDE))
-        verdict.add_pixels(mask_name, eye, "is 255 though a border hides the point", hidden & (mask == VISIBLE))
+        results.add_pixels(mask_name, eye, f"is not 0 without {channel}", ~known & (mask != OUTSIDE))
+        results.add_pixels(mask_name, eye, "is not 0 for a point outside the image", outside & (mask != OUTSIDE))
+        results.add_pixels(mask_name, eye, "is 0 for a point in the image", inside & (mask == OUTSIDE))
+        results.add_pixels(mask_name, eye, "is 255 though a border hides the point", hidden & (mask == VISIBLE))
 
 
-def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:
+def check_views(frame: StoredFrame, results: CheckResults, *, imperfect: bool) -> None:
     """Compare the disparities, masks and images of both views at the points to which disparity leads.
 
     ``imperfect`` says whether the images have the imperfections of a rig, or a lossy encoding.
@@ -80,7 +80,7 @@ def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> Non
         return
     for eye in EYES:
         view, other = frame.view(eye), frame.view(OTHER_EYE[eye])
-        points = _Correspondences(frame, eye, "disparity", verdict)
+        points = _Correspondences(frame, eye, "disparity", results)
         name = f"disparity_{eye} against disparity_{OTHER_EYE[eye]}"
         first, second = view["disparity"], other["disparity"]
         hidden = points.compare("left-right", f"left_right_{eye}", name, first, second, 2 * points.error_px)
@@ -89,7 +89,7 @@ def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> Non
             points.check_images("images", name, "", view["image"], other["image"], imperfect=imperfect)
 
 
-def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, images: bool) -> None:
+def check_frames(before: StoredFrame, after: StoredFrame, results: CheckResults, *, images: bool) -> None:
     """Check flow, its masks and changes of disparity between a frame and the next frame of its sequence.
 
     ``images`` says whether to compare the images, too: a surface has the same colour in both, apart from resampling.
@@ -98,14 +98,14 @@ def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, i
         for channel in _OPPOSITE:
             start, end = (before, after) if channel == "flow" else (after, before)
             if channel in start.view(eye) and "disparity" in end.view(eye):
-                _check_flow(channel, eye, start, end, verdict, images=images)
+                _check_flow(channel, eye, start, end, results, images=images)
 
 
 def _check_flow(
-    channel: str, eye: Eye, start: StoredFrame, end: StoredFrame, verdict: Verdict, *, images: bool
+    channel: str, eye: Eye, start: StoredFrame, end: StoredFrame, results: CheckResults, *, images: bool
 ) -> None:
     view, other, name = start.view(eye), end.view(eye), f"{channel}_{eye}"
-    points = _Correspondences(start, eye, channel, verdict)
+    points = _Correspondences(start, eye, channel, results)
     seen, hidden = np.zeros_like(points.visible), np.zeros_like(points.visible)
     change = (view if channel == "flow" else other).get("disparity_change")
     if change is not None:
@@ -141,7 +141,7 @@ class _Correspondences:
         same: (N,) True where both images show the same point of a surface.
     """
 
-    def __init__(self, frame: StoredFrame, eye: Eye, channel: str, verdict: Verdict) -> None:
+    def __init__(self, frame: StoredFrame, eye: Eye, channel: str, results: CheckResults) -> None:
         vectors, self.error_px = _vectors(frame, eye, channel)
         height, width = vectors.shape[:2]
         values, smooth = np.dstack([vectors, frame.view(eye)["disparity"]]), np.zeros((height, width), bool)
@@ -157,7 +157,7 @@ class _Correspondences:
         self.visible = np.ones(len(inside), bool) if self._mask is None else self._mask == VISIBLE
         self.one_surface, self.same = np.ones(len(inside), bool), np.ones(len(inside), bool)
         self._no_border = ~hidden_by_borders(frame, eye, channel, vectors, self.error_px)[1][self.pixels]
-        self._mask_name, self._eye, self._verdict = str(CHANNELS[channel].mask), eye, verdict
+        self._mask_name, self._eye, self._verdict = str(CHANNELS[channel].mask), eye, results
 
     def compare(self, check: str, measure: str, name: str, first: Floats, second: Floats, error_px: float) -> Where:
         """Compare an array of the first image with one of the second at the points; both are (H, W) or (H, W, C), px.

@@ -1,7 +1,7 @@
 """Measures of views, by which a dataset is compared with its place, and the config's keys that change each measure.
 
 The report names the keys if a dataset is far from its place. `calibrate` chooses recipes and textures by the measures.
-The arrays ``surfaces``, ``disparity`` and ``luminance`` are those of a `MeasuredView`.
+The arrays ``surfaces``, ``disparity`` and ``luminance`` are those of a `MeasureInput`.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.judge.measured_view import DENSE, MeasuredView
+from semisynth_gl.judge.measure_input import DENSE, MeasureInput
 
 JUMP_PX = 1.0
 """A larger difference between the disparities of neighbours is a jump: two surfaces, or one surface seen edge-on."""
@@ -122,7 +122,7 @@ class Measure:
         key: the measure's name in JSON.
         name: the measure's name in tables and plots.
         unit: the unit of the number.
-        of: name of the array of a `MeasuredView` from which the value is computed.
+        of: name of the array of a `MeasureInput` from which the value is computed.
         value: computes the value from this array; returns nan if the array does not determine it.
         moves: keys of the config that change the measure, the most effective first. The number is 1 if a larger key
             raises the measure, -1 if it lowers the measure.
@@ -212,7 +212,7 @@ _BACKGROUNDS = ("cuboid", "plane", "room", "street")
 _BACKGROUNDS_OF = {"room": {"room"}, "street": {"street"}, "structures": {"cuboid", "plane"}}
 
 
-def measure_view(view: MeasuredView, measures: Iterable[Measure] = MEASURES) -> dict[str, float]:
+def measure_view(view: MeasureInput, measures: Iterable[Measure] = MEASURES) -> dict[str, float]:
     """Compute the measures that a view determines, by their keys."""
     values = {}
     for measure in measures:

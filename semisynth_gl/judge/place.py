@@ -12,7 +12,7 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.comparison import Values, gather
-from semisynth_gl.judge.measured_view import make_view
+from semisynth_gl.judge.measure_input import make_measure_input
 from semisynth_gl.judge.measures import MEASURES, measure_view
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.images import ImageError, read_image
@@ -79,7 +79,7 @@ def measure_place(
         pictures = []
         for path in paths:
             try:
-                view = make_view(width_px, read_image(path))
+                view = make_measure_input(width_px, read_image(path))
             except ImageError as error:
                 notes.append(f"left out: {path}: {error.reason}")
                 continue
@@ -90,7 +90,7 @@ def measure_place(
             subjects.append({key: float(values.mean()) for key, values in gather(pictures).items() if values.size})
     if not subjects:
         raise InputError(f"no photograph of the place can be read: {'; '.join(notes[:1])}")
-    mapped = [make_view(width_px, disparity=read_map(path, png_scale)) for path in maps]
+    mapped = [make_measure_input(width_px, disparity=read_map(path, png_scale)) for path in maps]
     if narrow:
         notes.append(f"{counted(narrow, 'photograph')} narrower than {width_px} px, not used for detail")
     if sparse := sum(view.surfaces is None for view in mapped):

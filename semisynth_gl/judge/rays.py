@@ -11,9 +11,9 @@ from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import SKY
-from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.findings import CheckResults
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.scene import Motion, Scene
+from semisynth_gl.scene.scene import Scene, SceneMotion
 
 Values = NDArray[np.float64]
 
@@ -30,15 +30,15 @@ _STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
 _AROUND_X, _AROUND_Y = (steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
 # For each motion: the number of frames to its target, and the channels that are checked by it.
 _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("flow_backward",))}
-# Unit of a channel's largest error in the verdict, and factor to this unit; all other channels have px.
+# Unit of a channel's largest error in the results, and factor to this unit; all other channels have px.
 _UNITS = {"normals": ("deg", degrees(1)), "sky": ("levels", 1.0)}
 
 
-def check_rays(frame: StoredFrame, scenes: RebuiltScenes, pixels: int, verdict: Verdict) -> None:
+def check_rays(frame: StoredFrame, scenes: RebuiltScenes, pixels: int, results: CheckResults) -> None:
     """Compare a pair's truth with rays through random pixels, ``pixels`` / 2 in each view that has a disparity."""
     sampled = scenes.sampled(frame)
     if sampled is None:
-        verdict.add("oracle", "config and seed of the index give a scene that differs from the pair's provenance")
+        results.add("oracle", "config and seed of the index give a scene that differs from the pair's provenance")
         return
     motions = {
         name: sampled.motion(frames)
@@ -50,18 +50,18 @@ def check_rays(frame: StoredFrame, scenes: RebuiltScenes, pixels: int, verdict: 
         if "disparity" in frame.view(eye):
             height, width = frame.view(eye)["disparity"].shape
             row, column = (rng.integers(0, side, -(-pixels // 2)) for side in (height, width))
-            _RayCheck(frame, eye, sampled.scene, scenes, motions).check(row, column, verdict)
+            _RayCheck(frame, eye, sampled.scene, scenes, motions).check(row, column, results)
 
 
 class _RayCheck:
     """Compares one view of a pair with rays through its rebuilt scene, and its flow with the ``motions`` of hits."""
 
     def __init__(
-        self, frame: StoredFrame, eye: Eye, scene: Scene, scenes: RebuiltScenes, motions: Mapping[str, Motion]
+        self, frame: StoredFrame, eye: Eye, scene: Scene, scenes: RebuiltScenes, motions: Mapping[str, SceneMotion]
     ) -> None:
         self.frame, self.eye, self.scene, self.models, self.motions = frame, eye, scene, scenes.models, motions
 
-    def check(self, row: NDArray[np.int64], column: NDArray[np.int64], verdict: Verdict) -> None:
+    def check(self, row: NDArray[np.int64], column: NDArray[np.int64], results: CheckResults) -> None:
         """Compare the view with rays through R pixels, and record the largest error of the pixels that agree."""
         view = self.frame.view(self.eye)
         x, y = column.astype(np.float64), row.astype(np.float64)
@@ -83,7 +83,7 @@ class _RayCheck:
             unit, scale = _UNITS.get(name, ("px", 1.0))
             largest = scale * float(error[~wrong[name] & ~lacks].max(initial=0.0))
             measure = f"oracle_{name}_largest_{unit}"
-            verdict.measures[measure] = max(largest, verdict.measures.get(measure, 0.0))
+            results.measures[measure] = max(largest, results.measures.get(measure, 0.0))
         suspect = np.flatnonzero(np.logical_or.reduce(list(wrong.values())))
         if not suspect.size:
             return
@@ -100,7 +100,7 @@ class _RayCheck:
             if number > allowed:
                 first = np.argmax(wrong[name])
                 where = f"the first at ({column[first]}, {row[first]})"
-                verdict.add("oracle", f"{name}_{self.eye}: {number} of {len(x)} pixels differ from their rays, {where}")
+                results.add("oracle", f"{name}_{self.eye}: {number} of {len(x)} pixels differ from their rays, {where}")
 
     def cast(self, x: Values, y: Values) -> dict[str, Values]:
         """Return each channel's values (R, C) at R points (x, y) by rays: px, unit normals, the sky's mask.

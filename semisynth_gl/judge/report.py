@@ -16,8 +16,8 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.judge.charts import plot_report
-from semisynth_gl.judge.comparison import MeasuredPair, Row, compare, find_outliers, gather, table
-from semisynth_gl.judge.measured_view import make_view, working_width
+from semisynth_gl.judge.comparison import MeasureComparison, MeasuredPair, compare, find_outliers, gather, table
+from semisynth_gl.judge.measure_input import make_measure_input, working_width
 from semisynth_gl.judge.measures import measure_view
 from semisynth_gl.judge.pictures import MASKS, embed_pair
 from semisynth_gl.judge.place import ReferenceMeasures, map_files, measure_place
@@ -48,7 +48,7 @@ class Report:
     pairs: Sequence[MeasuredPair]
     width_px: int
     disparity: Histogram | None
-    rows: Sequence[Row]
+    rows: Sequence[MeasureComparison]
     place: ReferenceMeasures | None
 
     def values(self) -> dict[str, Any]:
@@ -141,7 +141,7 @@ def _measure(
     for position in positions:
         frame = dataset[position]
         counts += count_pixels(frame.left.disparity, edges_px)
-        view = make_view(width_px, frame.left.image, frame.left.disparity, signed=plan.encodings.signed)
+        view = make_measure_input(width_px, frame.left.image, frame.left.disparity, signed=plan.encodings.signed)
         name = frame.name if len(plan.pairs) == 1 else f"{frame.split} {frame.name}"
         pairs.append(MeasuredPair(position, name, frame.recipe, measure_view(view)))
         listener.on_pair()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, SKY, VISIBLE
-from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.findings import CheckResults
 from semisynth_gl.judge.lens import hidden_by_borders
 
 Where = NDArray[np.bool_]
@@ -30,26 +30,26 @@ _MASK_VALUES = {
 }
 
 
-def check_view(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
+def check_view(frame: StoredFrame, eye: Eye, largest_px: float, results: CheckResults) -> None:
     """Check the arrays of a view; ``largest_px`` is the config's maximum disparity."""
     for name, array in frame.view(eye).items():
         if name in _MASK_VALUES:
             fault = f"is not one of {', '.join(map(str, _MASK_VALUES[name]))}"
-            verdict.add_pixels(name, eye, fault, ~np.isin(array, _MASK_VALUES[name]))
+            results.add_pixels(name, eye, fault, ~np.isin(array, _MASK_VALUES[name]))
         elif CHANNELS[name].fill == inf:
             values = array.reshape(*array.shape[:2], -1)
             infinite = np.isposinf(values)
-            verdict.add_pixels(name, eye, "is NaN or -inf", (np.isnan(values) | np.isneginf(values)).any(axis=2))
+            results.add_pixels(name, eye, "is NaN or -inf", (np.isnan(values) | np.isneginf(values)).any(axis=2))
             mixed = infinite != infinite[..., :1]
-            verdict.add_pixels(name, eye, "is inf in only one component", mixed.any(axis=2))
+            results.add_pixels(name, eye, "is inf in only one component", mixed.any(axis=2))
     if "disparity" in frame.view(eye):
-        _check_disparity(frame, eye, largest_px, verdict)
-        _check_change(frame, eye, largest_px, verdict)
-        _check_geometry(frame, eye, verdict)
-        _check_instances(frame, eye, verdict)
+        _check_disparity(frame, eye, largest_px, results)
+        _check_change(frame, eye, largest_px, results)
+        _check_geometry(frame, eye, results)
+        _check_instances(frame, eye, results)
 
 
-def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
+def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, results: CheckResults) -> None:
     """Check that a view's disparity is in its range, and that no pixel lacks one without a reason.
 
     A disparity d = f B / Z - doffs is at most ``largest_px``, and positive or, if signed, at least -doffs. A pixel may
@@ -58,25 +58,25 @@ def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: V
     disparity, camera = frame.view(eye)["disparity"], frame.camera
     finite, error_px = np.isfinite(disparity), frame.encodings.disparity.error_px
     if not frame.encodings.signed:
-        verdict.add_pixels("disparity", eye, "is 0 or below", finite & (disparity <= 0))
+        results.add_pixels("disparity", eye, "is 0 or below", finite & (disparity <= 0))
     elif camera.rectified:
         least_px = -camera.doffs_px - _TEXT_SHARE * abs(camera.doffs_px) - error_px
-        verdict.add_pixels("disparity", eye, "is below that of infinity", finite & (disparity < least_px))
+        results.add_pixels("disparity", eye, "is below that of infinity", finite & (disparity < least_px))
     too_large = finite & (disparity > largest_px * (1 + _TEXT_SHARE) + error_px)
-    verdict.add_pixels("disparity", eye, f"is above {largest_px} px", too_large)
+    results.add_pixels("disparity", eye, f"is above {largest_px} px", too_large)
     border = frame.cut_border(eye)
-    verdict.add_pixels("disparity", eye, "is known in a border", finite & border)
+    results.add_pixels("disparity", eye, "is known in a border", finite & border)
     sky_is_valid = frame.encodings.signed or (camera.doffs_px < 0 and camera.rectified)
     sky = np.zeros_like(finite) if sky_is_valid else frame.sky(eye)
     if sky is None:
         return  # no output says where the sky is
     lacking = np.isposinf(disparity) & ~border & ~sky
-    if not _check_beyond(frame, "disparity", eye, lacking, verdict, exact=_always_valid(frame)):
-        _check_lacking(frame, "disparity", eye, lacking, disparity, verdict)
+    if not _check_beyond(frame, "disparity", eye, lacking, results, exact=_always_valid(frame)):
+        _check_lacking(frame, "disparity", eye, lacking, disparity, results)
 
 
 def _check_lacking(
-    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, disparity: NDArray[np.floating], verdict: Verdict
+    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, disparity: NDArray[np.floating], results: CheckResults
 ) -> None:
     """Check that ``lacking`` pixels lie beside small disparities, since the disparity of their surface falls below 0.
 
@@ -87,7 +87,7 @@ def _check_lacking(
     around = disparity[beside & np.isfinite(disparity)]
     allowed = around.min() <= _LAST_VALID_PX if around.size else np.isfinite(disparity).any()
     if _always_valid(frame) or not allowed:
-        verdict.add_pixels(channel, eye, "is inf", lacking)
+        results.add_pixels(channel, eye, "is inf", lacking)
 
 
 def _always_valid(frame: StoredFrame) -> bool:
@@ -96,7 +96,7 @@ def _always_valid(frame: StoredFrame) -> bool:
 
 
 def _check_beyond(
-    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict, *, exact: bool = False
+    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, results: CheckResults, *, exact: bool = False
 ) -> int:
     """Return the number of values beyond the encoding's range that the provenance records.
 
@@ -108,11 +108,11 @@ def _check_beyond(
     beyond, found = count if isinstance(count, int) else 0, int(lacking.sum())
     if beyond and (found != beyond if exact else found < beyond):
         fault = f"is inf in {found} pixels, the provenance counts {beyond} beyond the encoding"
-        verdict.add(channel, f"{channel}_{eye} {fault}")
+        results.add(channel, f"{channel}_{eye} {fault}")
     return beyond
 
 
-def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def _check_geometry(frame: StoredFrame, eye: Eye, results: CheckResults) -> None:
     """Check that depth and correspondences agree with the disparity, and check normals.
 
     Normals must be unit vectors that face the eye, or 0 where no other channel has a surface.
@@ -128,23 +128,23 @@ def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.cut_border(eye)
         missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
         wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
-        verdict.add_pixels("depth", eye, "disagrees with the disparity", wrong)
+        results.add_pixels("depth", eye, "disagrees with the disparity", wrong)
     if "correspondence" in view:
         near = np.abs(view.correspondence - frame.correspondences(eye)) <= (_VECTOR_PX + rounding_px)[..., None]
         wrong = np.isfinite(disparity) & ~near.all(axis=2)
-        verdict.add_pixels("correspondence", eye, "disagrees with the disparity", wrong)
+        results.add_pixels("correspondence", eye, "disagrees with the disparity", wrong)
     if "normals" in view:
         normals = view.normals.astype(np.float64)
         seen = np.isfinite(disparity) | np.isfinite(view.get("depth", inf)) | (view.get("instances", np.uint16(0)) > 0)
         length, zero = np.linalg.norm(normals, axis=2), (normals == 0).all(axis=2)
         wrong = ~(np.abs(length - 1) <= _UNIT_LENGTH) & (seen | ~zero)
-        verdict.add_pixels("normals", eye, "is not a unit vector", wrong)
+        results.add_pixels("normals", eye, "is not a unit vector", wrong)
         edge = _EDGE_PX / min(camera.focal_px, camera.focal_y_px)
         away = (normals * camera.rays_of_eye(eye, column, row)).sum(axis=2) > _UNIT_LENGTH + edge
-        verdict.add_pixels("normals", eye, "points away from the eye", away)
+        results.add_pixels("normals", eye, "points away from the eye", away)
 
 
-def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def _check_instances(frame: StoredFrame, eye: Eye, results: CheckResults) -> None:
     """Check that each id is 0, without a disparity, or the number, from 1, of a row of ``instances`` in pair.json.
 
     The sky's mask must agree with the instances, and the sky's depth must be inf.
@@ -152,23 +152,23 @@ def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     view, rows, sky = frame.view(eye), frame.provenance.get("instances"), frame.sky_of_instances(eye)
     if "instances" in view:
         listed = len(rows) if isinstance(rows, list) else 0
-        verdict.add_pixels("instances", eye, f"is above the {listed} that the pair lists", view.instances > listed)
+        results.add_pixels("instances", eye, f"is above the {listed} that the pair lists", view.instances > listed)
         none = (view.instances == 0) & np.isfinite(view["disparity"])
-        verdict.add_pixels("instances", eye, "is 0 despite a disparity", none)
+        results.add_pixels("instances", eye, "is 0 despite a disparity", none)
     if "sky" in view and sky is not None:
-        verdict.add_pixels("sky", eye, "disagrees with the instances", (view.sky == SKY) != sky)
+        results.add_pixels("sky", eye, "disagrees with the instances", (view.sky == SKY) != sky)
     if "sky" in view and "depth" in view:
-        verdict.add_pixels("sky", eye, "has a finite depth", (view.sky == SKY) & np.isfinite(view.depth))
+        results.add_pixels("sky", eye, "has a finite depth", (view.sky == SKY) & np.isfinite(view.depth))
 
 
-def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
+def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, results: CheckResults) -> None:
     """Check where a view has flow and ``disparity_change``, and that the disparity at the next frame is possible.
 
     ``disparity_change`` must be finite where disparity and flow are finite, and nowhere else, except in borders.
     """
     view = frame.view(eye)
     beyond = {
-        channel: _check_beyond(frame, channel, eye, np.isinf(view[channel]).any(axis=2), verdict)
+        channel: _check_beyond(frame, channel, eye, np.isinf(view[channel]).any(axis=2), results)
         for channel in ("flow", "flow_backward")
         if channel in view
     }
@@ -176,26 +176,26 @@ def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verd
         return
     change, disparity = view.disparity_change, view["disparity"]
     known, later = np.isfinite(change) & np.isfinite(disparity), disparity.astype(np.float64) + change
-    verdict.add_pixels("disparity_change", eye, "is finite without a disparity", np.isfinite(change) & ~known)
+    results.add_pixels("disparity_change", eye, "is finite without a disparity", np.isfinite(change) & ~known)
     margin_px = _CHANGED_PX + frame.encodings.disparity.error_px
     least_px = (-frame.camera.doffs_px if frame.encodings.signed else 0) - margin_px
     impossible = known & ((later < least_px) | (later > largest_px + margin_px))
-    verdict.add_pixels("disparity_change", eye, "leads to an impossible disparity", impossible)
+    results.add_pixels("disparity_change", eye, "leads to an impossible disparity", impossible)
     if "flow" not in view:
         return
     flows = np.isfinite(view.flow).all(axis=2)
     if not beyond["flow"]:
-        verdict.add_pixels("disparity_change", eye, "is finite without flow", known & ~flows)
+        results.add_pixels("disparity_change", eye, "is finite without flow", known & ~flows)
     missing = np.isfinite(disparity) & flows & np.isposinf(change)
     if not frame.border_disparity:
         lost, perhaps_lost = hidden_by_borders(frame, eye, "flow", view.flow, frame.encodings.flow.error_px)
         hidden = "is finite though a border hides the point at a frame"
-        verdict.add_pixels("disparity_change", eye, hidden, known & lost)
+        results.add_pixels("disparity_change", eye, hidden, known & lost)
         missing &= ~perhaps_lost
-    _check_lacking(frame, "disparity_change", eye, missing, later, verdict)
+    _check_lacking(frame, "disparity_change", eye, missing, later, results)
 
 
-def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
+def check_calibration(frame: StoredFrame, results: CheckResults) -> None:
     """Compare the camera with the pair's provenance, and calib.txt, if there is one, with the left disparity."""
     recorded, camera, calibration = frame.provenance.get("camera"), frame.camera, frame.calibration
     recorded = recorded if isinstance(recorded, dict) else {}
@@ -206,17 +206,17 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
             continue
         # The baseline is stored in millimetres, and fy in px; the conversion may change the last digit.
         if not (isinstance(expected, int | float) and isclose(value, expected, rel_tol=1e-12, abs_tol=1e-12)):
-            verdict.add("calib", f"{key} is {value!r}, in the pair's provenance {expected!r}")
+            results.add("calib", f"{key} is {value!r}, in the pair's provenance {expected!r}")
     if calibration is None:
         return
     if not isclose(calibration.doffs_px, camera.doffs_px, rel_tol=1e-9, abs_tol=1e-9):
-        verdict.add("calib", f"doffs is {calibration.doffs_px!r}, cx1 - cx0 is {camera.doffs_px!r}")
+        results.add("calib", f"doffs is {calibration.doffs_px!r}, cx1 - cx0 is {camera.doffs_px!r}")
     valid = frame.left.disparity[np.isfinite(frame.left.disparity)]
     if not valid.size:
         return
     least, largest = float(valid.min()), float(valid.max())
     for name, written, stored in (("vmin", calibration.vmin_px, least), ("vmax", calibration.vmax_px, largest)):
         if abs(written - stored) > float(frame.rounding_px(stored)) + _TEXT_SHARE * max(1.0, abs(stored)):
-            verdict.add("calib", f"{name} is {written:g}, the left disparity's is {stored:g} px")
+            results.add("calib", f"{name} is {written:g}, the left disparity's is {stored:g} px")
     if calibration.ndisp < largest * (1 - _TEXT_SHARE) - frame.encodings.disparity.error_px:
-        verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
+        results.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")

@@ -33,7 +33,7 @@ _PROTOCOLS: dict[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
 _LARGEST_CALIB = 1 << 16
 
 
-class PairTruth(NamedTuple):
+class TruthSource(NamedTuple):
     """The truth of a pair: the pair's unique ``name``, the ``source`` file, and ``read``, which may raise ReadError.
 
     A prediction for the pair may have any of the ``keys`` as its name, see `find_predictions`.
@@ -48,7 +48,7 @@ class PairTruth(NamedTuple):
 class TruthSet(NamedTuple):
     """The truths of several pairs, the default protocol, and the levels per px of predictions in 16-bit PNG."""
 
-    pairs: Sequence[PairTruth]
+    pairs: Sequence[TruthSource]
     protocol: ProtocolName = "middlebury"
     png_scale: float = KITTI_DISPARITY.steps
 
@@ -79,7 +79,7 @@ def find_truth(address: str, split: SplitName | None = None) -> TruthSet:
     return found
 
 
-def find_predictions(folder: Path, pairs: Sequence[PairTruth]) -> list[Path]:
+def find_predictions(folder: Path, pairs: Sequence[TruthSource]) -> list[Path]:
     """Return the file of the prediction for each pair.
 
     A prediction's path in the folder is one of the pair's keys, with the extension .pfm, .npy or .png (16-bit grey). If
@@ -144,7 +144,7 @@ def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TruthSet:
         plain, path = plan.key(split, number).name, plan.files(split, number)["disparity_left"]
         name = plain if only_split or len(plan.pairs) == 1 else f"{split}/{plain}"
         keys = [f"{split}/{plain}", plain, *_keys(PurePosixPath(path))]
-        pairs.append(PairTruth(name, str(shown_path(root, path)), keys, partial(_read_pair, dataset, position)))
+        pairs.append(TruthSource(name, str(shown_path(root, path)), keys, partial(_read_pair, dataset, position)))
     codec = plan.encodings.disparity
     png_scale = codec.steps if isinstance(codec, DisparityPng16) else KITTI_DISPARITY.steps
     return TruthSet(pairs, _PROTOCOLS.get(plan.layout_name, "middlebury"), png_scale)
@@ -162,9 +162,9 @@ def _read_pair(dataset: Dataset, position: int) -> Truth:
 
 
 def _folder_truth(folder: Path) -> TruthSet:
-    def pairs(paths: Sequence[Path], read: Callable[[Path], Truth]) -> list[PairTruth]:
+    def pairs(paths: Sequence[Path], read: Callable[[Path], Truth]) -> list[TruthSource]:
         keys = [_keys(path.absolute()) for path in paths]
-        return [PairTruth(of[-1], str(path), of, partial(read, path)) for path, of in zip(paths, keys, strict=True)]
+        return [TruthSource(of[-1], str(path), of, partial(read, path)) for path, of in zip(paths, keys, strict=True)]
 
     for root in (folder, folder / "training"):
         if paths := sorted((root / _OCC).glob("*.png")):

@@ -17,7 +17,7 @@ from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.files import check_index, check_shard, read_pair
-from semisynth_gl.judge.findings import Finding, Verdict
+from semisynth_gl.judge.findings import CheckResults, Finding
 from semisynth_gl.judge.lens import check_lens
 from semisynth_gl.judge.matching import check_frames, check_masks, check_views
 from semisynth_gl.judge.rays import check_rays
@@ -38,21 +38,21 @@ class Verification:
 
     Attributes:
         pairs: number of pairs of the dataset.
-        verdicts: the verdict on the dataset as a whole, and then one for each pair.
+        all_results: the results for the dataset as a whole, and then for each pair.
         no_rays: why `verify` could not cast rays; None if it cast rays, or the caller asked for none.
         remove: names of files, the index and records of shards; if the user removes them, `generate` makes missing and
             changed files again.
     """
 
     pairs: int
-    verdicts: Sequence[Verdict]
+    all_results: Sequence[CheckResults]
     no_rays: str | None = None
     remove: Sequence[str] = ()
 
     @property
     def findings(self) -> list[Finding]:
         """All faults, in the order in which they were found."""
-        return [finding for verdict in self.verdicts for finding in verdict.findings]
+        return [finding for results in self.all_results for finding in results.findings]
 
     def values(self) -> dict[str, Any]:
         """Return the content of ``verify --json``: ``pairs``, ``findings``, ``remove``, and ``measures`` by pair."""
@@ -60,7 +60,7 @@ class Verification:
             "pairs": self.pairs,
             "findings": [asdict(finding) for finding in self.findings],
             "remove": [*self.remove],
-            "measures": {verdict.scene: verdict.measures for verdict in self.verdicts if verdict.measures},
+            "measures": {results.scene: results.measures for results in self.all_results if results.measures},
         }
 
 
@@ -74,7 +74,7 @@ def verify(
 ) -> Verification:
     """Read a dataset back, and compare its files with each other, with the index and with the shards' records.
 
-    Findings about a shard are in the verdict on the shard's first pair.
+    Findings about a shard are in the results of the shard's first pair.
 
     Args:
         dataset: a folder, or an address that fsspec knows.
@@ -94,38 +94,38 @@ def verify(
     if made is None:
         raise InputError(f"{index.address}: {index.fault}")
     pairs_with_rays, scenes, no_rays = _scenes_for_rays(index, made, rays)
-    verdicts, remove = list[Verdict](), dict[str, None]()
+    all_results, remove = list[CheckResults](), dict[str, None]()
 
-    def finish(verdict: Verdict, record: str) -> None:
-        verdicts.append(verdict)
-        for finding in verdict.findings:
+    def finish(results: CheckResults, record: str) -> None:
+        all_results.append(results)
+        for finding in results.findings:
             on_finding(finding)
             if finding.check in _OF_FILES:
                 remove[record] = None
 
-    verdict = Verdict("dataset")
-    check_index(index, verdict)
-    finish(verdict, INDEX)
+    results = CheckResults("dataset")
+    check_index(index, results)
+    finish(results, INDEX)
     listener.on_total(sum(made.pairs.values()))
     recent = deque[StoredFrame | None](maxlen=made.views)
     for shard, entry in zip(made.shards, made.shard_entries, strict=True):
         record = None
         for number in range(shard.first, shard.end):
             name = made.key(shard.split, number).name
-            verdict = Verdict(name if len(made.pairs) == 1 else f"{shard.split} {name}")
+            results = CheckResults(name if len(made.pairs) == 1 else f"{shard.split} {name}")
             if number == shard.first:
-                record = check_shard(index, shard, entry, verdict)
-            frame = read_pair(index, shard, record, number, verdict)
+                record = check_shard(index, shard, entry, results)
+            frame = read_pair(index, shard, record, number, results)
             if frame is not None:
                 is_next = number // made.views % made.config.sequence.length > 0 and len(recent) == made.views
                 # With V views per scene, the same view of the previous frame is V pairs back: the oldest of `recent`.
-                _check_frame(frame, recent[0] if is_next else None, index, verdict)
-                if len(verdicts) - 1 in pairs_with_rays:
-                    check_rays(frame, scenes[shard.split], pixels, verdict)
+                _check_frame(frame, recent[0] if is_next else None, index, results)
+                if len(all_results) - 1 in pairs_with_rays:
+                    check_rays(frame, scenes[shard.split], pixels, results)
             recent.append(frame)
-            finish(verdict, shard.record)
+            finish(results, shard.record)
             listener.on_pair()
-    return Verification(len(verdicts) - 1, verdicts, no_rays, list(remove))
+    return Verification(len(all_results) - 1, all_results, no_rays, list(remove))
 
 
 def _scenes_for_rays(
@@ -147,15 +147,15 @@ def _scenes_for_rays(
 
 # Arrays have inf or NaN where nothing is known; computing with them is no fault.
 @np.errstate(invalid="ignore", divide="ignore")
-def _check_frame(frame: StoredFrame, before: StoredFrame | None, index: StoredIndex, verdict: Verdict) -> None:
+def _check_frame(frame: StoredFrame, before: StoredFrame | None, index: StoredIndex, results: CheckResults) -> None:
     """Check a pair, and compare it with the pair of the previous frame of its sequence, if there is one."""
-    check_calibration(frame, verdict)
+    check_calibration(frame, results)
     for eye in EYES:
-        check_view(frame, eye, index.plan.config.disparity.max_px, verdict)
-        check_masks(frame, eye, verdict)
-        check_lens(frame, eye, verdict)
+        check_view(frame, eye, index.plan.config.disparity.max_px, results)
+        check_masks(frame, eye, results)
+        check_lens(frame, eye, results)
     imperfect = not (index.plan.config.images_as_rendered and frame.encodings.image.lossless)
-    check_views(frame, verdict, imperfect=imperfect)
+    check_views(frame, results, imperfect=imperfect)
     if before is not None:
         # Textures from image sequences and imperfections change the colour of a surface from frame to frame.
-        check_frames(before, frame, verdict, images=not (imperfect or index.plan.config.textures.sequence))
+        check_frames(before, frame, results, images=not (imperfect or index.plan.config.textures.sequence))

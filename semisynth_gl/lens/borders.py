@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.lens.chain import LensChain
+from semisynth_gl.lens.rectification import EyeRectification
 
 # The mask of each channel that gives a point's position in the other view, or in the next or previous frame.
 _MASKS = {name: channel.mask for name, channel in CHANNELS.items() if channel.mask is not None}
@@ -18,14 +18,14 @@ _NEED_DISPARITY = ("disparity", "correspondence", "disparity_change", "visibilit
 
 
 def with_borders(
-    frame: Frame, chains: Mapping[Eye, LensChain], outputs: Collection[str], *, border_disparity: bool
+    frame: Frame, lenses: Mapping[Eye, EyeRectification], outputs: Collection[str], *, border_disparity: bool
 ) -> Frame:
     """Return an uncropped frame in which no mask says that a point in a border is visible.
 
     Views with truth get the output ``valid`` if it is requested. Without ``border_disparity``, pixels in a border lose
     their disparity and all values that need one; other truth stays.
     """
-    valid = {eye: chain.valid for eye, chain in chains.items()}
+    valid = {eye: lens.valid for eye, lens in lenses.items()}
     views: dict[Eye, ViewArrays] = {}
     for eye in EYES:
         view = frame.view(eye)

@@ -17,8 +17,8 @@ from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.borders import with_borders
-from semisynth_gl.lens.chain import LensChain
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, sample_imperfections
+from semisynth_gl.lens.rectification import EyeRectification
+from semisynth_gl.pairs.imperfections import ImageImperfections, apply_imperfections, sample_imperfections
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Scene
@@ -28,12 +28,13 @@ Images = dict[Eye, NDArray[np.uint8]]
 Channels = dict[str, NDArray[Any]]
 
 
-class RigCameras:
+class RigCapture:
     """The cameras of a rig. ``seed`` is the split's; ``renderer`` renders further moments and denser images."""
 
     def __init__(self, config: Config, seed: int, renderer: Renderer) -> None:
         self._config, self._seed, self._renderer = config, seed, renderer
-        self._chains: dict[Eye, tuple[object, LensChain]] = {}  # by eye: the latest chain, and its raw camera and view
+        # For each eye: the arguments and the result of the latest `EyeRectification`.
+        self._lenses: dict[Eye, tuple[object, EyeRectification]] = {}
 
     def capture(
         self, frames: Sequence[Frame], sampled: SampledScene, views: Sequence[int]
@@ -53,14 +54,14 @@ class RigCameras:
         results, channels = [], dict[Eye, Channels]()
         for view, frame in zip(views, frames, strict=True):
             seen = sampled.seen_by(view)
-            chains = self._lens_chains(seen.sequence.number, seen.scene.camera)
-            captured, records = self._capture_eyes(frame, seen, chains, ("right",) if channels else EYES)
+            lenses = self._eye_lenses(seen.sequence.number, seen.scene.camera)
+            captured, records = self._capture_eyes(frame, seen, lenses, ("right",) if channels else EYES)
             channels |= captured
             left, right = (frame.view(eye).with_channels(channels[eye]) for eye in EYES)
             result = Frame(frame.camera, left, right)
             if self._config.lens is not None:
                 keep = self._config.lens.border_disparity
-                result = with_borders(result, chains, self._config.outputs, border_disparity=keep)
+                result = with_borders(result, lenses, self._config.outputs, border_disparity=keep)
             results.append((result, records))
         if len(frames) > 1:
             for array in channels["left"].values():
@@ -68,24 +69,24 @@ class RigCameras:
         return results
 
     def _capture_eyes(
-        self, frame: Frame, sampled: SampledScene, chains: Mapping[Eye, LensChain], eyes: Sequence[Eye]
+        self, frame: Frame, sampled: SampledScene, lenses: Mapping[Eye, EyeRectification], eyes: Sequence[Eye]
     ) -> tuple[dict[Eye, Channels], dict[str, Any]]:
         """Return each eye's image and its outputs "raw" and "raw_map", and the pair's entries of the provenance."""
         section, camera, records = self._config.imperfections, sampled.scene.camera, dict[str, Any]()
         number = sampled.sequence.number * self._config.sequence.length + sampled.frame
         if self._config.lens is not None:
-            records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
+            records["lens"] = {eye: lens.raw.record() for eye, lens in lenses.items()}
             if not self._config.lens.border_disparity:
                 records["lens"]["border_disparity"] = False
         # Both eyes expose at the same time, so a scene has one motion blur.
         motion_blur = section.motion_blur.sample(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
         # Not one density for both eyes: pairs that share a left view may differ in the right lens.
-        densities = {eye: chains[eye].density if chains else 1.0 for eye in eyes}
+        densities = {eye: lenses[eye].density if lenses else 1.0 for eye in eyes}
         images = self._expose_eyes(frame, sampled, motion_blur, densities)
         principal_points = {eye: camera.intrinsics_px(eye)[:2] for eye in EYES}
-        if chains:
-            images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
-            principal_points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
+        if lenses:
+            images = {eye: lenses[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
+            principal_points = {eye: (lens.raw.cx_px, lens.raw.cy_px) for eye, lens in lenses.items()}
         if not section.changes_nothing():
             records["imperfections"] = {}
             for eye in EYES:
@@ -96,10 +97,10 @@ class RigCameras:
                 values = sample_imperfections(section, rng, generator_of)
                 records["imperfections"][eye] = values | ({"motion_blur": motion_blur} if motion_blur > 0 else {})
                 if eye in images:
-                    imperfections = Imperfections(**values)
+                    imperfections = ImageImperfections(**values)
                     images[eye] = apply_imperfections(images[eye], imperfections, rng, principal_points[eye])
         return {
-            eye: self._rectified(chains[eye], image) if chains else {"image": image} for eye, image in images.items()
+            eye: self._rectified(lenses[eye], image) if lenses else {"image": image} for eye, image in images.items()
         }, records
 
     def _expose_eyes(
@@ -121,26 +122,26 @@ class RigCameras:
                 images |= expose(self._renderer, [replace(scene, camera=denser) for scene in scenes], eyes)
         return images
 
-    def _rectified(self, chain: LensChain, raw_image: NDArray[np.uint8]) -> Channels:
+    def _rectified(self, lens: EyeRectification, raw_image: NDArray[np.uint8]) -> Channels:
         """Return the image and the outputs "raw" and "raw_map" of an eye's view, from its raw image."""
-        channels: Channels = {"image": chain.rectify(raw_image)}
+        channels: Channels = {"image": lens.rectify(raw_image)}
         if "raw" in self._config.outputs:
-            channels["raw"] = chain.within_view(raw_image)
+            channels["raw"] = lens.within_view(raw_image)
         if "raw_map" in self._config.outputs:
-            channels["raw_map"] = chain.raw_map.copy()
+            channels["raw_map"] = lens.raw_map.copy()
         return channels
 
-    def _lens_chains(self, sequence: int, camera: StereoCamera) -> dict[Eye, LensChain]:
-        """Return both eyes' chains for a sequence, whose rectified pair is ``camera``; empty without lenses."""
+    def _eye_lenses(self, sequence: int, camera: StereoCamera) -> dict[Eye, EyeRectification]:
+        """Return both eyes' lenses in a sequence with the rectified pair ``camera``; empty without the section lens."""
         section = self._config.lens
         if section is None:
             return {}
         for eye in EYES:
             raw = section.sample(eye, generator(self._seed, Purpose.LENS, sequence, eye))
             key = raw, camera.width_px, camera.height_px, camera.intrinsics_px(eye)
-            if eye not in self._chains or self._chains[eye][0] != key:
-                self._chains[eye] = key, LensChain(raw, camera, eye, section.border)
-        return {eye: chain for eye, (_, chain) in self._chains.items()}
+            if eye not in self._lenses or self._lenses[eye][0] != key:
+                self._lenses[eye] = key, EyeRectification(raw, camera, eye, section.border)
+        return {eye: lens for eye, (_, lens) in self._lenses.items()}
 
 
 def moments(exposure: float, count: int) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ _NEXT, _OUTER, _SUM = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
 
 
 @dataclass(frozen=True, slots=True)
-class Imperfections:
+class ImageImperfections:
     """The imperfections of a view, except motion blur. The default leaves the image as it is.
 
     Attributes:
@@ -53,7 +53,7 @@ class Imperfections:
 
 def apply_imperfections(
     image: NDArray[np.uint8],
-    sampled: Imperfections,
+    sampled: ImageImperfections,
     rng: np.random.Generator,
     principal_point_px: tuple[float, float] | None = None,
 ) -> NDArray[np.uint8]:
@@ -65,7 +65,7 @@ def apply_imperfections(
         rng: source of the noise.
         principal_point_px: x and y of the centre of vignetting; by default the image's centre.
     """
-    if sampled == Imperfections():
+    if sampled == ImageImperfections():
         return image
     if sampled.blur_px > 0:
         image = np.asarray(Image.fromarray(image).filter(ImageFilter.GaussianBlur(sampled.blur_px)))
@@ -79,7 +79,7 @@ def apply_imperfections(
 
 def _pixel_by_pixel(
     image: NDArray[np.uint8],
-    sampled: Imperfections,
+    sampled: ImageImperfections,
     rng: np.random.Generator,
     principal_point_px: tuple[float, float] | None,
 ) -> NDArray[np.uint8]:
@@ -157,7 +157,7 @@ def _through_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
 def sample_imperfections(
     section: ImperfectionsSection, rng: np.random.Generator, generator_of: Callable[[str], np.random.Generator]
 ) -> dict[str, Any]:
-    """Sample arguments of `Imperfections` for one eye's view, in JSON's types.
+    """Sample arguments of `ImageImperfections` for one eye's view, in JSON's types.
 
     Lens blur, exposure, noise and gamma come from ``rng``. Every other key has its own generator,
     ``generator_of(key)``, so that setting one key does not change the values of the others.

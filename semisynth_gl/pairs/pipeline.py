@@ -11,14 +11,14 @@ from semisynth_gl.frame.channels import FUTURE_OUTPUTS, PAST_OUTPUTS, RENDERED_O
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
-from semisynth_gl.pairs.cameras import RigCameras
+from semisynth_gl.pairs.cameras import RigCapture
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.plugins import plugin_packages
 from semisynth_gl.render import Backend
 from semisynth_gl.render.context import check_libraries
 from semisynth_gl.render.readers import PixelReader, read_array
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.mix import RecipeMixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER
@@ -94,7 +94,7 @@ class PairRenderer:
         check_libraries(backend)
         self.sources = prepare_sources(config, split)
         atlas = self.sources.atlas
-        self.sampler = MixSampler(config, split.seed, self.sources.libraries, atlas.patches)
+        self.sampler = RecipeMixSampler(config, split.seed, self.sources.libraries, atlas.patches)
         self.renderer = Renderer(
             self.sampler.models,
             atlas.layers,
@@ -106,7 +106,7 @@ class PairRenderer:
             **renderer_options(config),
         )
         self.renderer_name = self.renderer.renderer_name
-        self._cameras = RigCameras(config, split.seed, self.renderer)
+        self._cameras = RigCapture(config, split.seed, self.renderer)
         # The latest sequence that passed its checks, and the faults of its failed attempts.
         self._accepted, self._failures = -1, list[str]()
         self._latest: tuple[object, list[Pair]] | None = None  # number and crop of the latest scene, and its pairs

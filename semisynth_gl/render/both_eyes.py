@@ -7,19 +7,19 @@ from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_set import DrawnPair
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY, Targets
-from semisynth_gl.render.work_list_steps import WorkListSteps
+from semisynth_gl.render.work_list_steps import WorkListShader
 
 _TILE_PX = 4
 # Room in the visibility pass's work lists for each tile: the tile in one list, its pixels in the other one.
 _ENTRIES = 1 + _TILE_PX**2
 
 
-class VisibilityPass:
+class VisibilityMaskPass:
     """Computes whether the other eye sees the points that one eye sees, in rectified pairs; see visibility.comp."""
 
     def __init__(self, resources: RenderResources) -> None:
         self._resources = resources
-        self._steps = WorkListSteps(resources.context, "visibility.comp", 3, _TILE_PX, _ENTRIES)
+        self._steps = WorkListShader(resources.context, "visibility.comp", 3, _TILE_PX, _ENTRIES)
 
     def compute(self, pair: DrawnPair, eye: Eye) -> None:
         """Compute the visibility of one eye's view, or of a crop of it, from both eyes' disparities and surfaces."""
@@ -41,7 +41,7 @@ class CorrespondencePass:
     def __init__(self, resources: RenderResources) -> None:
         self._resources = resources
         # The first step handles single pixels, and there is one work list.
-        self._steps = WorkListSteps(resources.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
+        self._steps = WorkListShader(resources.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
 
     def compute(self, pair: DrawnPair, eye: Eye) -> Targets:
         """Compute the correspondences of one eye's view; return the targets of `CORRESPONDENCE`.

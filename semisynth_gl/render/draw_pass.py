@@ -13,7 +13,7 @@ from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.render.edges import EdgeBlendPass
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.model_buffers import InstanceRange
+from semisynth_gl.render.model_buffers import DrawRange
 from semisynth_gl.render.occlusion import OcclusionCuller
 from semisynth_gl.render.options import CHANNELS_OF_BOTH_EYES
 from semisynth_gl.render.programs import link_meshes, link_program
@@ -174,7 +174,7 @@ class DrawPass:
     def _draw_view(self, view: EyeView) -> None:
         """Draw a view with one sample a pixel."""
         models, transforms, targets = self._resources.models, view.transforms, view.targets
-        ranges: Sequence[InstanceRange] = models.upload(transforms, view.eye, view.part)
+        ranges: Sequence[DrawRange] = models.upload(transforms, view.eye, view.part)
         self._resources.constants.write(transforms.scene, view.eye)
         targets.limit(view.part)
         if ViewArrays.normals.name in targets.names:
@@ -210,7 +210,7 @@ class DrawPass:
         image: NDArray[np.uint8] = mean.read("colour", crop)
         return image
 
-    def _draw_ranges(self, targets: EyeTargets, ranges: Sequence[InstanceRange], scene: Scene, eye: Eye) -> None:
+    def _draw_ranges(self, targets: EyeTargets, ranges: Sequence[DrawRange], scene: Scene, eye: Eye) -> None:
         """Draw ranges of the uploaded instances to the targets in use."""
         projector = scene.projector if "colour" in targets.names else None
         if projector is not None and self._light is not None:

@@ -17,8 +17,8 @@ from semisynth_gl.render.programs import link_meshes
 from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_set import DrawnPair
 from semisynth_gl.render.targets import FLOW, Targets
-from semisynth_gl.render.work_list_steps import WorkListSteps
-from semisynth_gl.scene.scene import Motion
+from semisynth_gl.render.work_list_steps import WorkListShader
+from semisynth_gl.scene.scene import SceneMotion
 
 MOVE = np.dtype([
     ("change_and_shift", "<f4", (3, 4)), ("centre", "<f4", 3), ("", "<f4"), ("then", "<u4"), ("", "<u4", 3),
@@ -31,7 +31,7 @@ _FEWEST_MOVES = 256  # initial capacity of the buffer
 _LARGEST_CHANGE = 1e30
 
 
-def compose_moves(transforms: InstanceTransforms, motion: Motion) -> NDArray[np.void]:
+def compose_moves(transforms: InstanceTransforms, motion: SceneMotion) -> NDArray[np.void]:
     """Return how each of the scene's N instances moves to the target moment, (N,) of `MOVE`, in the left eye's frame.
 
     Raises InputError where the motion has a different number of instances.
@@ -71,7 +71,7 @@ class FlowPass:
         self._resources, context = resources, resources.context
         self._draw_program = link_meshes(context, {"DEPTH": 0, "SURFACE": 1})
         # The first step handles single pixels, and there is one work list.
-        self._steps = WorkListSteps(context, "flow.comp", 2, tile_px=1, entries=1)
+        self._steps = WorkListShader(context, "flow.comp", 2, tile_px=1, entries=1)
         self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * MOVE.itemsize, dynamic=True)
 
     def compute(self, pair: DrawnPair, then: InstanceTransforms, moves: NDArray[np.void], eye: Eye) -> Targets:

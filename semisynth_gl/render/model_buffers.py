@@ -44,7 +44,7 @@ _PER_ROW, _TEXELS = 1024, 3
 
 
 @dataclass(frozen=True, slots=True)
-class InstanceRange:
+class DrawRange:
     """Successive draw commands, one for each instance or part of one. All have patches of the same atlas."""
 
     atlas: int  # number of the atlas
@@ -104,7 +104,7 @@ class SceneBuffers:
     def __len__(self) -> int:
         return len(self._model_commands)
 
-    def upload(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None = None) -> list[InstanceRange]:
+    def upload(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None = None) -> list[DrawRange]:
         """Upload the instances that one eye may see in a part of its image, or in all of it; return what to draw.
 
         There is a range for each atlas. That of large patches comes last, since most of them are on walls, which hide
@@ -135,17 +135,17 @@ class SceneBuffers:
         for number in np.unique(atlas).tolist():
             in_atlas = atlas == number
             count, fronts = int(in_atlas.sum()), int((fronts_only & in_atlas).sum())
-            ranges.append(InstanceRange(number, first, fronts, count - fronts))
+            ranges.append(DrawRange(number, first, fronts, count - fronts))
             first += count
         return ranges
 
     def select(
         self,
-        ranges: Sequence[InstanceRange],
+        ranges: Sequence[DrawRange],
         numbers: NDArray[np.int64],
         first_triangle: NDArray[np.int64] | None = None,
         triangles: NDArray[np.int64] | None = None,
-    ) -> list[InstanceRange]:
+    ) -> list[DrawRange]:
         """Replace the draw commands by S commands, for some of the uploaded instances or parts of them.
 
         Args:
@@ -166,10 +166,10 @@ class SceneBuffers:
         for old in ranges:
             ends = old.first, old.first + old.fronts, old.first + old.fronts + old.both_sides
             first, middle, last = np.searchsorted(numbers, ends).tolist()
-            selected.append(InstanceRange(old.atlas, first, middle - first, last - middle))
+            selected.append(DrawRange(old.atlas, first, middle - first, last - middle))
         return selected
 
-    def draw(self, program: moderngl.Program, drawn: InstanceRange) -> None:
+    def draw(self, program: moderngl.Program, drawn: DrawRange) -> None:
         """Draw a range of the commands into the framebuffer in use."""
         vao = self._vao(program)
         if drawn.fronts:

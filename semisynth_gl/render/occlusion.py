@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.model_buffers import InstanceRange
+from semisynth_gl.render.model_buffers import DrawRange
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.targets import EyeView
@@ -80,7 +80,7 @@ class OcclusionCuller:
         models = transforms.scene.model[self._models.uploaded]
         return bool(self._triangles[models].sum() >= _FEWEST_TRIANGLES)
 
-    def cull(self, view: EyeView, ranges: Sequence[InstanceRange]) -> Sequence[InstanceRange]:
+    def cull(self, view: EyeView, ranges: Sequence[DrawRange]) -> Sequence[DrawRange]:
         """Draw the depth of occluders into a view's targets, and replace the draw commands by those of what is visible.
 
         The constants of the view's drawing pass must be written. ``ranges`` is the result of `SceneBuffers.upload`.
@@ -122,7 +122,7 @@ class OcclusionCuller:
         boxes[4] *= _STRIP_NEARER
         return instances[~_are_hidden(depth_table, view.size, boxes)], depth_table
 
-    def _draw_depth(self, view: EyeView, ranges: Sequence[InstanceRange]) -> None:
+    def _draw_depth(self, view: EyeView, ranges: Sequence[DrawRange]) -> None:
         view.targets.use_depth(view.part)
         self._functions.clear_depth(0.0)
         self._gl.enable_only(moderngl.DEPTH_TEST)

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import ViewArrays
-from semisynth_gl.render.both_eyes import CorrespondencePass, VisibilityPass
+from semisynth_gl.render.both_eyes import CorrespondencePass, VisibilityMaskPass
 from semisynth_gl.render.flow import FlowPass, compose_moves
 from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.options import attachment_of
 from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_set import DrawnPair
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY
-from semisynth_gl.scene.scene import Motion
+from semisynth_gl.scene.scene import SceneMotion
 
 
 class ReadbackPass:
@@ -20,7 +20,7 @@ class ReadbackPass:
     def __init__(self, resources: RenderResources, composer: TransformComposer) -> None:
         options = resources.options
         self._composer, self._options = composer, options
-        self._visibility = VisibilityPass(resources) if options.visibility else None
+        self._visibility = VisibilityMaskPass(resources) if options.visibility else None
         self._correspondence = CorrespondencePass(resources) if options.correspondence else None
         self._flow = FlowPass(resources) if options.flow else None
 
@@ -30,7 +30,7 @@ class ReadbackPass:
             for eye in self._options.truth_eyes:
                 self._visibility.compute(pair, eye)
 
-    def read(self, pair: DrawnPair, motions: Mapping[str, Motion | None]) -> None:
+    def read(self, pair: DrawnPair, motions: Mapping[str, SceneMotion | None]) -> None:
         """Read the channels that ``pair.views`` lack, and add them there.
 
         ``motions`` has the scene's motions "future" and "past"; with None, the channels that need it are left out.
@@ -65,7 +65,7 @@ class ReadbackPass:
             for channel in channels:
                 pair.views[eye][channel.name] = targets.read(attachment_of(channel), pair.crop)
 
-    def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, outputs: list[str]) -> None:
+    def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: SceneMotion, outputs: list[str]) -> None:
         """Compute the flow to the motion's target moment, and read its channels."""
         moves, then = compose_moves(pair.transforms, motion), self._composer.compose(motion.scene)
         for eye in self._options.truth_eyes:

@@ -37,7 +37,7 @@ def read_array(
     return pixels
 
 
-class PixelBuffers:
+class GpuPixelBuffers:
     """Buffers of the driver, into which pixels are copied without passing through main memory.
 
     There is one buffer for each size. The next `fill` of the same size overwrites it.

@@ -34,7 +34,7 @@ from semisynth_gl.render.readback_pass import ReadbackPass
 from semisynth_gl.render.readers import PixelReader, read_array
 from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_set import TargetSet
-from semisynth_gl.scene.scene import Motion, Scene
+from semisynth_gl.scene.scene import Scene, SceneMotion
 
 Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
@@ -158,7 +158,12 @@ class Renderer:
         return self._context.facts
 
     def render(
-        self, scene: Scene, crop: Crop | None = None, *, future: Motion | None = None, past: Motion | None = None
+        self,
+        scene: Scene,
+        crop: Crop | None = None,
+        *,
+        future: SceneMotion | None = None,
+        past: SceneMotion | None = None,
     ) -> Frame:
         """Render one pair.
 
@@ -188,8 +193,8 @@ class Renderer:
         cameras: Sequence[StereoCamera],
         crop: Crop | None = None,
         *,
-        future: Motion | None = None,
-        past: Motion | None = None,
+        future: SceneMotion | None = None,
+        past: SceneMotion | None = None,
     ) -> list[Frame]:
         """Render a scene with several cameras that differ only in the right eye; draw the left view once.
 
@@ -231,7 +236,7 @@ class Renderer:
         return frames
 
     def _check_request(
-        self, scene: Scene, cameras: Sequence[StereoCamera], motions: Mapping[str, Motion | None]
+        self, scene: Scene, cameras: Sequence[StereoCamera], motions: Mapping[str, SceneMotion | None]
     ) -> None:
         """Raise InputError where the scene, a camera or a motion does not fit the renderer or the scene."""
         if not cameras:

@@ -21,7 +21,7 @@ _GROUPS_ON_SOFTWARE, _GROUPS_ON_GPU = 128, 2048
 _MOST_PIXELS = 1 << 21
 
 
-class WorkListSteps:
+class WorkListShader:
     """A compute shader in steps: the first step decides tiles of the image, later steps the entries of work lists.
 
     In the shader, STEP is the number of the step. The uniform `band` is the part of the image to process: left column,

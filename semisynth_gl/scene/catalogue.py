@@ -76,7 +76,7 @@ SURFACE_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ModelCatalogue:
+class StaticModels:
     """The M models of static instances, `SURFACE_MODELS` and then the library's models, and their extents."""
 
     models: tuple[Mesh, ...]
@@ -91,7 +91,7 @@ class ModelCatalogue:
         return np.asarray(self.high[number] - self.low[number])
 
 
-def make_catalogue(library: ModelLibrary) -> ModelCatalogue:
+def make_catalogue(library: ModelLibrary) -> StaticModels:
     """Return the catalogue of the surface models and a library's models."""
     chosen = library.sampled[library.chances > 0]
     names = np.array([library.models[number].name for number in chosen])
@@ -101,4 +101,4 @@ def make_catalogue(library: ModelLibrary) -> ModelCatalogue:
         np.array([(array.min(axis=0), array.max(axis=0)) for array in arrays], np.float64).swapaxes(0, 1)
         for arrays in ([mesh.positions for mesh in models], [mesh.uv for mesh in models])
     )
-    return ModelCatalogue(models, by_name, *boxes, *uv)
+    return StaticModels(models, by_name, *boxes, *uv)

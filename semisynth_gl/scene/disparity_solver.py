@@ -35,9 +35,9 @@ from semisynth_gl.geometry.relief import MeanModelRelief
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats, Ints
-from semisynth_gl.scene.catalogue import ModelCatalogue
+from semisynth_gl.scene.catalogue import StaticModels
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
-from semisynth_gl.scene.particles import ParticleBatch, ParticleSizes, expected_cover, expected_in_view, stated_sizes
+from semisynth_gl.scene.particles import ParticleLayer, ParticleSizes, expected_cover, expected_in_view, stated_sizes
 from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.static_scene import sample_static_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -105,7 +105,7 @@ class DisparitySolver:
         config: Config,
         seed: int,
         relief: MeanModelRelief,
-        catalogue: ModelCatalogue,
+        catalogue: StaticModels,
         wanted: Histogram | None = None,
     ) -> None:
         self._config, self._seed, self._relief, self._catalogue = config, seed, relief, catalogue
@@ -124,7 +124,7 @@ class DisparitySolver:
 
     def sample(
         self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator
-    ) -> list[ParticleBatch]:
+    ) -> list[ParticleLayer]:
         """Sample the numbers of particles of one scene.
 
         ``bare_px`` (R,) has the disparities of the scene's left view without particles. ``rng`` samples only the
@@ -141,7 +141,7 @@ class DisparitySolver:
                 f"positive, and doffs is {camera.doffs_px:g} px: give each layer a disparity_px above "
                 f"{-camera.doffs_px:g}"
             )
-        solved = list[ParticleBatch]()
+        solved = list[ParticleLayer]()
         if self._solved:
             quantile = (self._first_quantile + sequence * np.sqrt(_PRIMES[: len(self._layers)])) % 1.0
             sizes = self._aim.sizes
@@ -150,8 +150,8 @@ class DisparitySolver:
             # Avoid huge counts, which `sample_slots` would reduce to particles.most anyway.
             mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
             layers = zip(self._layers.low_px, self._layers.high_px, poisson_counts(mean, quantile), strict=True)
-            solved = [ParticleBatch(Range(low, high), int(count), sizes) for low, high, count in layers]
-        return solved + [ParticleBatch(px, round(count.sample(rng)), sizes) for px, count, sizes in self._stated_layers]
+            solved = [ParticleLayer(Range(low, high), int(count), sizes) for low, high, count in layers]
+        return solved + [ParticleLayer(px, round(count.sample(rng)), sizes) for px, count, sizes in self._stated_layers]
 
     def expected(self) -> Histogram:
         """Return the distribution, in the bins of ``target``, that the Boolean model predicts for the pilot scenes.
@@ -273,7 +273,7 @@ def poisson_counts(mean: Floats, quantile: Floats) -> Ints:
     return np.asarray((below <= quantile[:, None]).sum(axis=1))
 
 
-def sample_pilots(config: Config, seed: int, catalogue: ModelCatalogue) -> list[PilotScene]:
+def sample_pilots(config: Config, seed: int, catalogue: StaticModels) -> list[PilotScene]:
     """Sample the 32 pilot scenes of a recipe, or load them from the cache; raises as `sample_static_scene` does.
 
     Each process that renders a dataset needs them before its first pair, and furnishing a room takes longer than

@@ -1,6 +1,6 @@
 """The table of a scene's instances: one row for each, with its model, its pose and its patch.
 
-`PatchMapping` assigns a patch to each row. `to_scene` converts the table into the renderer's arrays.
+`PatchAssignment` assigns a patch to each row. `to_scene` converts the table into the renderer's arrays.
 """
 
 from collections.abc import Sequence
@@ -78,7 +78,7 @@ def choose(cumulative: Floats, uniform: Floats) -> Ints:
     return np.minimum(np.searchsorted(cumulative, uniform, side="right"), len(cumulative) - 1)
 
 
-class PatchMapping:
+class PatchAssignment:
     """Assigns patches of the atlas to instances; ``patches`` has small patches before large ones."""
 
     def __init__(self, section: TexturesSection, patches: Sequence[Patch]) -> None:

@@ -33,7 +33,7 @@ def recipe_numbers(sequences: Ints, shares: Sequence[float], seed: int) -> Ints:
     return np.searchsorted(np.cumsum(shares)[:-1], (first + sequences * _STEP) % 1.0, side="right")
 
 
-class MixSampler:
+class RecipeMixSampler:
     """Samples the scenes of one dataset, each sequence of one recipe.
 
     Sequence s of a mix equals sequence s of a dataset that has only its recipe, with the same seed. The exception is a

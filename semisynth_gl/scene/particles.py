@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from semisynth_gl.config import Range
-from semisynth_gl.config.scene_sections import DepthLayerSection, ParticlesSection
+from semisynth_gl.config.scene_sections import ParticleLayerSection, ParticlesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.relief import sample_scales
 from semisynth_gl.geometry.rotations import rotations_about, rotations_from_quaternions
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.rig import SequenceRig
-from semisynth_gl.scene.view_volume import VerticalExtent, least_sphere_depth_m, vertical_extent
+from semisynth_gl.scene.view_volume import VerticalViewLimits, least_sphere_depth_m, vertical_view_limits
 
 _QUANTILES = (np.arange(64) + 0.5) / 64
 
@@ -39,7 +39,7 @@ class ParticleSlots:
     phase: Floats  # (S,) age at time 0, in periods, in [0, 1)
     path_m: Floats  # (S,) length of the path of a model without drift
     nearer_m: Floats  # (S,) how much nearer than the path's middle a model may come; 0 or less: the slot shows nothing
-    extent: VerticalExtent  # where both views end above and below
+    extent: VerticalViewLimits  # where both views end above and below
     resting: Mapping[int, Floats] = field(default_factory=dict)  # by slot, the pose (4, 4) of a model at rest
 
     def __len__(self) -> int:
@@ -63,7 +63,7 @@ class ParticleSlots:
         return generation
 
 
-class ParticleStart(NamedTuple):
+class ParticleGeneration(NamedTuple):
     """The random values of one generation of models, for each slot."""
 
     middle_px: Floats  # (S,) image x of the path's middle, left view
@@ -93,7 +93,7 @@ class ParticleSizes(NamedTuple):
         return ParticleSizes(self.low * factor, self.high * factor, self.metric)
 
 
-def stated_sizes(section: ParticlesSection, layer: DepthLayerSection | None = None) -> ParticleSizes:
+def stated_sizes(section: ParticlesSection, layer: ParticleLayerSection | None = None) -> ParticleSizes:
     """Return the sizes that a config states for all particles, or for a depth layer."""
     if layer is not None and layer.size_px is not None:
         return ParticleSizes(layer.size_px.low, layer.size_px.high)
@@ -102,7 +102,7 @@ def stated_sizes(section: ParticlesSection, layer: DepthLayerSection | None = No
     return ParticleSizes(section.size_px.low, section.size_px.high)
 
 
-class ParticleBatch(NamedTuple):
+class ParticleLayer(NamedTuple):
     """A number of particles in one range of disparities."""
 
     disparity_px: Range  # disparities of the paths' middles
@@ -146,12 +146,12 @@ def _release_width_px(camera: StereoCamera, disparity_px: Floats, radius_px: Flo
 
 def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
     """Return the lengths, px, of the paths of particles through both views of a rig without sway; any shape."""
-    extent = vertical_extent(SequenceRig((camera,)))
+    extent = vertical_view_limits(SequenceRig((camera,)))
     return np.asarray((extent.bottom - extent.top) * camera.focal_px + sum(extent.secants) * radius_px)
 
 
 def sample_slots(
-    rig: SequenceRig, section: ParticlesSection, batches: Sequence[ParticleBatch], rng: np.random.Generator
+    rig: SequenceRig, section: ParticlesSection, batches: Sequence[ParticleLayer], rng: np.random.Generator
 ) -> ParticleSlots:
     """Sample the slots of one sequence, one for each particle of the batches.
 
@@ -174,7 +174,7 @@ def sample_slots(
     speed = section.fall_m_s.sample_many(rng, total)
     phase = rng.random(total)
     depth = camera.depth_m(disparity)
-    radius_m, extent = radius * depth / camera.focal_px, vertical_extent(rig)
+    radius_m, extent = radius * depth / camera.focal_px, vertical_view_limits(rig)
     path = (extent.bottom - extent.top) * depth + sum(extent.secants) * (radius_m + extent.reach_m)
     width = _release_width_px(camera, disparity, radius)
     # Upper limit of a model's distance from the optical axis.
@@ -188,7 +188,7 @@ def sample_slots(
 
 def sample_start(
     camera: StereoCamera, section: ParticlesSection, slots: ParticleSlots, rng: np.random.Generator
-) -> ParticleStart:
+) -> ParticleGeneration:
     """Sample the start of every slot's model of one generation."""
     total = len(slots)
     width = _release_width_px(camera, slots.disparity_px, slots.radius_px)
@@ -202,11 +202,15 @@ def sample_start(
     heading = rng.uniform(0, 2 * np.pi, total)
     drift = section.drift.sample_many(rng, total)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
     scale = sample_scales(section, total, rng)
-    return ParticleStart(middle, quaternion, axis, spin, drift, scale)
+    return ParticleGeneration(middle, quaternion, axis, spin, drift, scale)
 
 
 def particle_poses(
-    camera: StereoCamera, slots: ParticleSlots, starts: Callable[[int], ParticleStart], time_s: float, generation: Ints
+    camera: StereoCamera,
+    slots: ParticleSlots,
+    starts: Callable[[int], ParticleGeneration],
+    time_s: float,
+    generation: Ints,
 ) -> Floats:
     """Pose one model of every slot at any time.
 

@@ -65,7 +65,7 @@ def sample_cameras(section: CameraSection, rng: np.random.Generator) -> tuple[St
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sway:
+class CameraSway:
     """The sway of the left camera: six independent oscillations, three along the world's axes and three about them."""
 
     shift_m: Floats  # (3,) amplitude of the position along x, y and z
@@ -96,7 +96,7 @@ class Sway:
         return local_from_parent(self.shift_m * swing[:3], self.turn_rad * swing[3:])
 
 
-NO_SWAY = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
+NO_SWAY = CameraSway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
 """The sway of a camera at rest."""
 
 
@@ -106,11 +106,13 @@ class SequenceRig:
 
     views: tuple[StereoCamera, ...]  # the camera of each right view; the cameras differ only in the right eye
     near_m: float = 0.0  # depth of the near plane
-    sway: Sway = NO_SWAY
+    sway: CameraSway = NO_SWAY
     relief_px: float = np.inf  # maximum radius of models along the viewing axis, px of the image at their own depth
 
     @classmethod
-    def within(cls, section: DisparitySection, views: tuple[StereoCamera, ...], sway: Sway = NO_SWAY) -> "SequenceRig":
+    def within(
+        cls, section: DisparitySection, views: tuple[StereoCamera, ...], sway: CameraSway = NO_SWAY
+    ) -> "SequenceRig":
         """Return a rig whose near plane and maximum relief follow from a range of disparities; see `near_depth_m`."""
         rig = cls(views, sway=sway)
         near_m = near_depth_m(rig.camera, section)
@@ -179,9 +181,9 @@ def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
     return float(max(left.max(), right.max()))
 
 
-def sample_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
+def sample_sway(section: CameraSection, rng: np.random.Generator) -> CameraSway:
     """Sample a sway."""
-    return Sway(
+    return CameraSway(
         section.sway_m.sample_many(rng, 3),
         np.deg2rad(section.sway_deg.sample_many(rng, 3)),
         section.sway_s.sample_many(rng, 6),

@@ -13,11 +13,11 @@ from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.catalogue import SURFACE_MODELS, make_catalogue
 from semisynth_gl.scene.disparity_solver import DisparitySolver
-from semisynth_gl.scene.instances import INSTANCE, Instances, PatchMapping, choose, new_instances, to_scene
-from semisynth_gl.scene.particles import ParticleStart, particle_poses, sample_slots, sample_start
+from semisynth_gl.scene.instances import INSTANCE, Instances, PatchAssignment, choose, new_instances, to_scene
+from semisynth_gl.scene.particles import ParticleGeneration, particle_poses, sample_slots, sample_start
 from semisynth_gl.scene.projector import sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
-from semisynth_gl.scene.scene import Motion, Scene
+from semisynth_gl.scene.scene import Scene, SceneMotion
 from semisynth_gl.scene.static_scene import sample_static_scene
 from semisynth_gl.scene.view_volume import least_sphere_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -54,10 +54,10 @@ class SceneSampler:
         self.catalogue = make_catalogue(library)
         self.models = self.catalogue.models  # `Scene.model` indexes them: the surface models, then the library's
         self.disparity_solver = DisparitySolver(config, seed, library.relief, self.catalogue, wanted)
-        self.mapping = PatchMapping(config.textures, patches)
+        self.mapping = PatchAssignment(config.textures, patches)
         self.particle_models = len(SURFACE_MODELS) + library.sampled
         self.chances = np.cumsum(library.chances)
-        self._latest: SceneSequence | None = None
+        self._latest: SequenceSampler | None = None
 
     def sample(self, index: int, attempt: int = 0) -> "SampledScene":
         """Sample the scene of pair ``index``, 0 or more; each ``attempt`` samples the pair's whole sequence anew.
@@ -69,11 +69,11 @@ class SceneSampler:
         scene, view = divmod(index, self.config.views)
         number, frame = divmod(scene, self.config.sequence.length)
         if self._latest is None or (self._latest.number, self._latest.attempt) != (number, attempt):
-            self._latest = SceneSequence(self, number, attempt)
+            self._latest = SequenceSampler(self, number, attempt)
         return self._latest.sample(frame, view)
 
 
-class SceneSequence:
+class SequenceSampler:
     """The part of the scenes of one sequence that all its frames share; frames can be sampled in any order.
 
     ``attempt`` is the number of failed attempts at this sequence so far.
@@ -114,7 +114,7 @@ class SceneSequence:
         """Return the poses (S, 4, 4) at a frame of all slots' models of given generations (S,)."""
         config, camera = self.sampler.config, self.static.rig.camera
 
-        def starts(number: int) -> ParticleStart:
+        def starts(number: int) -> ParticleGeneration:
             return sample_start(camera, config.particles, self.slots, self._of_generation(Purpose.PARTICLES, number))
 
         return particle_poses(camera, self.slots, starts, frame * config.sequence.frame_s, generation)
@@ -193,7 +193,7 @@ class SampledScene:
 
     scene: Scene
     instances: Instances  # (N,) in the order of the scene's arrays; the static instances come first
-    sequence: SceneSequence
+    sequence: SequenceSampler
     frame: int  # number of the frame within the sequence
     view: int  # number of the right view whose camera the scene has
 
@@ -211,7 +211,7 @@ class SampledScene:
         """Return the same scene with the camera of the right view ``view``."""
         return replace(self, scene=replace(self.scene, camera=self.views[view]), view=view)
 
-    def motion(self, frames: int) -> Motion:
+    def motion(self, frames: int) -> SceneMotion:
         """Return the motion of the instances over ``frames`` frames, even beyond the ends of the sequence."""
         target = self.sequence.sample(self.frame + frames, self.view)
         static = len(self.sequence.static.instances)
@@ -223,7 +223,7 @@ class SampledScene:
         stays = row >= 0
         stays[stays] = then["generation"][row[stays]] == now["generation"][stays]
         instance = np.concatenate([np.arange(static), np.where(stays, static + row, -1)])
-        return Motion(target.scene, self._poses(target.frame), instance)
+        return SceneMotion(target.scene, self._poses(target.frame), instance)
 
     def moment(self, frames: float) -> Scene:
         """Return the scene with the same instances, ``frames`` frames or fractions of a frame later."""

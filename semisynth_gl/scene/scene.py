@@ -134,7 +134,7 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class SceneMotion:
     """The motion of a scene's N instances to a target moment.
 
     Attributes:
@@ -161,7 +161,7 @@ class Motion:
             raise InputError(f"instance must be -1 to {target - 1}, got {low} to {high}", argument="motion")
         check_magnitudes("motion: world_from_model", self.world_from_model)
 
-    def seen_by(self, camera: StereoCamera) -> "Motion":
+    def seen_by(self, camera: StereoCamera) -> "SceneMotion":
         """Return the same motion with a different camera."""
         return replace(self, scene=replace(self.scene, camera=camera))
 
@@ -171,7 +171,7 @@ def transform_vertices(mesh: Mesh, target_from_model: NDArray[np.float64]) -> ND
     return np.asarray(mesh.positions.astype(np.float64) @ target_from_model[:3, :3].T + target_from_model[:3, 3])
 
 
-def move(scene: Scene, *, world_from_model: object = None, camera_from_world: object = None) -> Motion:
+def move(scene: Scene, *, world_from_model: object = None, camera_from_world: object = None) -> SceneMotion:
     """Return the motion of a hand-made scene to a target moment, at which the same instances are rendered.
 
     Args:
@@ -188,7 +188,7 @@ def move(scene: Scene, *, world_from_model: object = None, camera_from_world: ob
     if camera_from_world is not None:
         camera = to_array("camera_from_world", camera_from_world, np.float64)
     target = replace(scene, world_from_model=poses, camera_from_world=camera)
-    return Motion(target, target.world_from_model, np.arange(len(scene)))
+    return SceneMotion(target, target.world_from_model, np.arange(len(scene)))
 
 
 def make_scene(

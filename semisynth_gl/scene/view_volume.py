@@ -135,7 +135,7 @@ def least_sphere_depth_m(rig: SequenceRig, radius_m: Floats | float, aside_m: Fl
     return np.asarray((rig.near_m + radius_m + rig.sway.reach_m + aside_m * sine) / cosine)
 
 
-class VerticalExtent(NamedTuple):
+class VerticalViewLimits(NamedTuple):
     """The upper and lower limits of the space that both views show at any moment of the sway."""
 
     top: float  # y / z of the highest rays; y points down
@@ -144,7 +144,7 @@ class VerticalExtent(NamedTuple):
     reach_m: float  # largest distance by which the sway moves an eye
 
 
-def vertical_extent(rig: SequenceRig) -> VerticalExtent:
+def vertical_view_limits(rig: SequenceRig) -> VerticalViewLimits:
     """Return the vertical extent of a rig's views."""
     rays, sway = corner_rays(rig.camera), rig.sway
     angles = np.arctan2(rays[:, 1], rays[:, 2])
@@ -155,7 +155,7 @@ def vertical_extent(rig: SequenceRig) -> VerticalExtent:
         turns = [np.arcsin(min(np.sin(sway.angle_rad) * np.cos(end) / least_cosine, 1.0)) for end in (low, high)]
         low, high = np.clip((low - turns[0], high + turns[1]), -WIDEST_RAD, WIDEST_RAD).tolist()
     top, bottom = float(np.tan(low)), float(np.tan(high))
-    return VerticalExtent(top, bottom, ((1 + top**2) ** 0.5, (1 + bottom**2) ** 0.5), _eye_reach_m(rig, "right"))
+    return VerticalViewLimits(top, bottom, ((1 + top**2) ** 0.5, (1 + bottom**2) ** 0.5), _eye_reach_m(rig, "right"))
 
 
 def _eye_reach_m(rig: SequenceRig, eye: Eye) -> float:

@@ -1,7 +1,7 @@
 """Copies pixels from OpenGL to CUDA on one GPU, without passing through main memory.
 
-OpenGL copies an attachment into a buffer (`PixelBuffers`). CUDA maps that buffer and copies it into a tensor. NVIDIA's
-bindings of the CUDA runtime share the device's primary context with torch.
+OpenGL copies an attachment into a buffer (`GpuPixelBuffers`). CUDA maps that buffer and copies it into a tensor.
+NVIDIA's bindings of the CUDA runtime share the device's primary context with torch.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from semisynth_gl.inputs.errors import BackendError, InputError, how_to_install
-from semisynth_gl.render.readers import PixelBuffers, Viewport
+from semisynth_gl.render.readers import GpuPixelBuffers, Viewport
 
 _TYPES = {"f1": torch.uint8, "u1": torch.uint8, "u2": torch.uint16, "f4": torch.float32}
 _MOST_DEVICES = 64
@@ -33,7 +33,7 @@ class CudaPixelReader:
                 f"device='cuda' needs NVIDIA's bindings of CUDA, which are not installed: {how_to_install('cuda')}"
             ) from None
         self._device = device
-        self._buffers = PixelBuffers()
+        self._buffers = GpuPixelBuffers()
         self._resources: dict[int, Any] = {}
         self._context: Any = None
         self._call("cudaSetDevice", device.index)

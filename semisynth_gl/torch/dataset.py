@@ -25,7 +25,7 @@ Transform = Callable[[Sample], Any]
 _CAMERA = ("focal_px", "focal_y_px", "baseline_m", "doffs_px", "cx_left_px", "cx_right_px", "cy_px")
 
 
-class PairDataset(Dataset[Any]):
+class PairDatasetBase(Dataset[Any]):
     """Base of both datasets: crops, augments and transforms each pair into a sample.
 
     ``image_size`` is height and width of the images, px; `StereoStream` describes the other arguments. Raises
@@ -126,7 +126,7 @@ def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array or, from `Cu
     return tensor.permute(2, 0, 1).contiguous() if tensor.ndim == 3 else tensor.contiguous()
 
 
-class StereoDataset(PairDataset):
+class StereoDataset(PairDatasetBase):
     """A map-style dataset of the pairs of a written dataset in any layout.
 
     A sample is a dictionary, see `to_sample`. It equals the sample of a `StereoStream`, except for values that files

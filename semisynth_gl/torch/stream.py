@@ -21,12 +21,12 @@ from semisynth_gl.render.readers import read_array
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 from semisynth_gl.torch.cuda_reader import CudaPixelReader
-from semisynth_gl.torch.dataset import PairDataset, Transform
+from semisynth_gl.torch.dataset import PairDatasetBase, Transform
 
 TensorDevice = Literal["cpu", "cuda"]
 
 
-class StereoStream(PairDataset):
+class StereoStream(PairDatasetBase):
     """A map-style dataset, not an iterable one: ``stream[i]`` renders pair i of the dataset that `generate` writes.
 
     A sample is a dictionary, see `to_sample`. Each process opens a renderer for its first sample and keeps it; `close`

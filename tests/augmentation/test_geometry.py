@@ -9,14 +9,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tiny_datasets import tiny
 
-from semisynth_gl.augmentation.geometry import Warp, mirrored, occluded
+from semisynth_gl.augmentation.geometry import PairWarp, mirrored, occluded
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, CameraDeviation, Crop, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, ViewArrays
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import renderer_options
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.mix import RecipeMixSampler
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds.splits import Split
 
@@ -34,7 +34,7 @@ def render(backend):
     """Return a function that renders a scene after changing its camera."""
     config = tiny().model_copy(update={"outputs": RENDERED})
     sources = prepare_sources(config, Split(3))
-    sampler = MixSampler(config, 3, sources.libraries, sources.atlas.patches)
+    sampler = RecipeMixSampler(config, 3, sources.libraries, sources.atlas.patches)
     options = renderer_options(config) | {"rectified": False}
     with Renderer(sampler.models, sources.atlas.layers, backend=backend, **options) as renderer:
 
@@ -86,12 +86,12 @@ def smooth(view):
 @pytest.mark.parametrize(
     ("warp", "fy_over_fx"),
     [
-        (Warp(1.31, 1.31), 1.0),
-        (Warp(1.0, 1.0, 1.5, margin=4), 1.0),
-        (Warp(0.77, 0.77), 1.0),
-        (Warp(0.9, 0.9, 1.5, 0.01, margin=6), 1.0),
-        (Warp(1.3, 1.1, -2, -0.02, margin=8), 1.0),
-        (Warp(1.1, 1.1, 1.5, 0.03, margin=10), 1.3),
+        (PairWarp(1.31, 1.31), 1.0),
+        (PairWarp(1.0, 1.0, 1.5, margin=4), 1.0),
+        (PairWarp(0.77, 0.77), 1.0),
+        (PairWarp(0.9, 0.9, 1.5, 0.01, margin=6), 1.0),
+        (PairWarp(1.3, 1.1, -2, -0.02, margin=8), 1.0),
+        (PairWarp(1.1, 1.1, 1.5, 0.03, margin=10), 1.3),
     ],
 )
 def test_a_scaled_and_moved_pair_is_the_one_that_its_camera_sees(render, warp, fy_over_fx):
@@ -139,7 +139,7 @@ def test_a_mirror_shows_the_points_on_the_other_side_and_twice_mirrored_is_uncha
 def test_the_ways_of_a_stretched_deviating_rig_are_those_of_its_camera(scales):
     pair = make_frame(1)
     pair = replace(pair, camera=replace(pair.camera, deviation=CameraDeviation(0.03, -0.02, 0.7, 1.02)))
-    stretched = Warp(*map(float, scales)).applied(pair, (32 * scales[1], 48 * scales[0]))
+    stretched = PairWarp(*map(float, scales)).applied(pair, (32 * scales[1], 48 * scales[0]))
     # With a stretch by 3, the middle of three columns or rows is exactly at an original one.
     middle = (slice(scales[1] // 2, None, scales[1]), slice(scales[0] // 2, None, scales[0]))
     for eye in EYES:
@@ -164,7 +164,7 @@ def test_no_part_of_a_moved_image_is_out_of_place(texture, eighths, hundredths):
     image = np.rint(TEXTURES[texture](x, y)).astype(np.uint8)
     view = ViewArrays({"image": np.stack([image, 255 - image, image], axis=-1)})
     camera = StereoCamera(93, 91, 80.0, 0.2, 40.0, 45.5, 44.25)
-    moved = Warp(1, 1, right_y_px, right_roll_rad, 13).applied(Frame(camera, view, view), (65, 67))
+    moved = PairWarp(1, 1, right_y_px, right_roll_rad, 13).applied(Frame(camera, view, view), (65, 67))
     np.testing.assert_array_equal(moved.left.image, view.image[13:-13, 13:-13])
     cos, sin = np.cos(right_roll_rad), np.sin(right_roll_rad)
     across, along = x - 45.5, y - 44.25 - right_y_px
@@ -180,7 +180,7 @@ def test_no_part_of_a_moved_image_is_out_of_place(texture, eighths, hundredths):
 @pytest.mark.parametrize("movement", [(1, 1, 0.4), (1.5, 1.5, -1.0, 0.02), (1.6, 0.9, 1.0, -0.03)])
 def test_what_has_no_disparity_has_none_in_a_moved_pair(movement):
     pair = make_frame(2, {"disparity_change"})
-    warp = Warp(*movement, margin=3)
+    warp = PairWarp(*movement, margin=3)
     crop = pair.cropped(Crop(3, 2, *warp.source_size((16, 20))[::-1]))
     moved = warp.applied(crop, (16, 20))
     unmoved = replace(warp, right_y_px=0, right_roll_rad=0).applied(crop, (16, 20))
@@ -198,8 +198,12 @@ def test_what_a_change_cannot_do_is_refused():
     for change, frame, message in (
         (mirrored, make_frame(0, truth="left"), "mirrored: expected truth of both views"),
         (mirrored, crooked, "mirrored: expected a rectified rig"),
-        (lambda frame: Warp(1, 1, 1.0).applied(frame, (20, 30)), crooked, "right_roll_deg: expected a rectified rig"),
-        (lambda frame: Warp(1, 1, 1.0).applied(frame, (20, 30)), pair, "without the output disparity_change"),
+        (
+            lambda frame: PairWarp(1, 1, 1.0).applied(frame, (20, 30)),
+            crooked,
+            "right_roll_deg: expected a rectified rig",
+        ),
+        (lambda frame: PairWarp(1, 1, 1.0).applied(frame, (20, 30)), pair, "without the output disparity_change"),
     ):
         with pytest.raises(InputError, match=message):
             change(frame)

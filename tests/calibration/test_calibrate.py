@@ -21,7 +21,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram, count_pixels, total_variation
-from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.mix import RecipeMixSampler
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds.splits import Split
 
@@ -99,7 +99,7 @@ def test_scenes_of_any_range_meet_their_target(tmp_path_factory, most_px, width,
     textures = {"source": "procedural", "images": [], "max_patches": 8, "large_px": 0}
     config = load_config(write(folder, "config.yaml", made.text), {"textures": textures, "models.variants": 1})
     sources = prepare_sources(config, Split(0))
-    mix = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
+    mix = RecipeMixSampler(config, 0, sources.libraries, sources.atlas.patches)
     # Wide ranges outdoors reach 0.17.
     assert total_variation(mix.expected(), config.shown_histogram()) < 0.25
     for index in range(len(mix.recipes)):

@@ -14,7 +14,7 @@ from semisynth_gl.calibration.rig import RectifiedRig
 from semisynth_gl.calibration.trial import BLURS, nearest_mix
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.judge.comparison import gather
-from semisynth_gl.judge.measured_view import working_width
+from semisynth_gl.judge.measure_input import working_width
 from semisynth_gl.judge.measures import MEASURES
 from semisynth_gl.listener import Listener
 

@@ -8,7 +8,7 @@ from samplers import patches
 
 from semisynth_gl.config import Range, load_config, packaged_configs
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.mix import RecipeMixSampler
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import Split
 
@@ -63,7 +63,7 @@ def test_scenes_stay_what_they_are_at_another_resolution(tmp_path, name, factor,
     (tmp_path / "base.yaml").write_text(str(base.model_dump(mode="json", exclude_none=True)))
     configs = [load_config(tmp_path / "base.yaml", scale) for scale in ([], [f"scale={factor}"])]
     assert configs[1].camera.width_px == factor * base.camera.width_px
-    samplers = [MixSampler(config, 3, recipe_libraries(config, Split(3)), patches()) for config in configs]
+    samplers = [RecipeMixSampler(config, 3, recipe_libraries(config, Split(3)), patches()) for config in configs]
     for index in range(2):
         one, other = (sampler.sample(index).scene for sampler in samplers)
         np.testing.assert_allclose(one.world_from_model, other.world_from_model, rtol=1e-6, atol=1e-9)

@@ -15,7 +15,7 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.judge.comparison import MIN_PICTURES, compare, gather, summary
 from semisynth_gl.judge.interpolation import fill_holes
-from semisynth_gl.judge.measured_view import make_view, mean_luminance
+from semisynth_gl.judge.measure_input import make_measure_input, mean_luminance
 from semisynth_gl.judge.measures import (
     MEASURES,
     advice,
@@ -85,7 +85,7 @@ def test_contrast_gradient_and_luminance_of_checks_and_ramps():
         assert flat(np.float32(100 + amplitude * checks)) == share
     row, column = np.mgrid[:20, :30]
     assert gradient(np.float32(3 * column + 4 * row)) == pytest.approx(5)
-    found = measure_view(make_view(30, np.uint8(3 * column)))
+    found = measure_view(make_measure_input(30, np.uint8(3 * column)))
     assert found["luminance"] == pytest.approx(3 * 14.5, abs=1e-4)
     assert found["contrast"] == pytest.approx(3 * np.arange(30).std(), abs=1e-4)
 
@@ -106,7 +106,9 @@ def test_means_over_areas():
 
 def test_a_map_takes_no_value_between_two_surfaces():
     disparity = np.tile(np.where(np.arange(101) < 37, 10.0, 40.0), (50, 1))
-    assert np.unique(make_view(64, disparity=disparity).disparity) == pytest.approx(np.array([10, 40]) * 64 / 101)
+    assert np.unique(make_measure_input(64, disparity=disparity).disparity) == pytest.approx(
+        np.array([10, 40]) * 64 / 101
+    )
 
 
 def test_holes_become_the_farther_neighbour():
@@ -119,13 +121,13 @@ def test_holes_become_the_farther_neighbour():
 def test_rows_without_a_disparity_make_no_jumps():
     disparity = np.full((40, 60), 6.0)
     disparity[7:10] = disparity[30] = np.inf
-    np.testing.assert_array_equal(make_view(60, disparity=disparity).surfaces, np.full((40, 60), 6))
+    np.testing.assert_array_equal(make_measure_input(60, disparity=disparity).surfaces, np.full((40, 60), 6))
 
 
 def test_sparse_maps_count_for_disparity_alone():
     disparity = np.full((40, 60), np.inf)
     disparity[::3] = 6
-    assert measure_view(make_view(60, disparity=disparity)) == {
+    assert measure_view(make_measure_input(60, disparity=disparity)) == {
         "disparity": pytest.approx(10),
         "largest_disparity": pytest.approx(10),
     }
@@ -209,7 +211,7 @@ def test_both_views_of_a_pair_are_one_picture_of_a_place(dataset, tmp_path):
         write(tmp_path / f"scene{number // 2}/im{number % 2}.png", RGB8.encode(image))
     said = report(dataset, images=tmp_path, pairs=0)
     assert said.place.summary == "6 photographs of 3 subjects, 0 disparity maps"
-    luminance = [measure_view(make_view(said.width_px, image))["luminance"] for image in images]
+    luminance = [measure_view(make_measure_input(said.width_px, image))["luminance"] for image in images]
     assert said.place.values["luminance"] == pytest.approx(np.reshape(luminance, (3, 2)).mean(axis=1))
     # Three pictures are too few for distances.
     assert {row.distance for row in said.rows} == {None}

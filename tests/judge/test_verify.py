@@ -20,7 +20,7 @@ from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import ViewArrays
 from semisynth_gl.inputs.errors import SemisynthError
-from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.findings import CheckResults
 from semisynth_gl.judge.matching import check_views
 from semisynth_gl.judge.rays import check_rays
 
@@ -53,9 +53,9 @@ def scene_of(dataset, number=1):
 def test_a_clean_dataset_has_no_finding(datasets, name):
     found = verified(datasets / name, 200)
     assert found.findings == []
-    _, *verdicts = found.verdicts
-    assert len(verdicts) == 3
-    for measures in (verdict.measures for verdict in verdicts):
+    _, *all_results = found.all_results
+    assert len(all_results) == 3
+    for measures in (results.measures for results in all_results):
         assert measures["oracle_disparity_largest_px"] < 1e-3
         assert measures["image_explained"] > 0.95
         assert abs(measures["best_shift_x_px"]) < 0.1
@@ -180,11 +180,11 @@ def test_images_that_fit_half_a_pixel_aside_are_found(noise, off_px, disparity_p
         ViewArrays({"image": waves(shift_px), "disparity": np.full((100, 200), disparity_px, np.float32)})
         for shift_px in (0, disparity_px + off_px)
     )
-    verdict = Verdict("a")
-    check_views(StoredFrame(StereoCamera.centred(200, 100, 75.0, 0.1), *views), verdict, imperfect=noise > 0)
-    assert [finding.check for finding in verdict.findings] == ["images"] * bool(off_px)
+    results = CheckResults("a")
+    check_views(StoredFrame(StereoCamera.centred(200, 100, 75.0, 0.1), *views), results, imperfect=noise > 0)
+    assert [finding.check for finding in results.findings] == ["images"] * bool(off_px)
     # If a shift makes the images match, it is opposite to the planted one.
-    assert verdict.measures.get("best_shift_x_px", -off_px) * off_px <= 0
+    assert results.measures.get("best_shift_x_px", -off_px) * off_px <= 0
 
 
 def test_imperfect_images_are_judged_after_their_levels_are_matched(dataset):
@@ -306,9 +306,9 @@ def test_rays_find_normals_of_other_places_beside_triangles_that_they_miss():
     for wrong in (False, True):
         normals = np.roll(frame.left.normals, 5, axis=1) if wrong else frame.left.normals
         left, right = frame.left.with_channels({"normals": normals}), ViewArrays({"image": frame.right.image})
-        verdict = Verdict("pair")
-        check_rays(StoredFrame(frame.camera, left, right), scenes, 20_000, verdict)
-        assert any("normals_left" in finding.message for finding in verdict.findings) == wrong, verdict.findings
+        results = CheckResults("pair")
+        check_rays(StoredFrame(frame.camera, left, right), scenes, 20_000, results)
+        assert any("normals_left" in finding.message for finding in results.findings) == wrong, results.findings
 
 
 def test_the_command_tells_what_it_found(program, dataset, tmp_path):

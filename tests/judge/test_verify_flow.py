@@ -12,7 +12,7 @@ from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.pair_files import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, ViewArrays
-from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.findings import CheckResults
 from semisynth_gl.judge.single_view import check_view
 
 # Much motion: a swaying camera, and models that fall, drift and spin.
@@ -66,21 +66,21 @@ def flow_path(root, name, number=0):
 def test_a_clean_sequence_has_no_finding(datasets, encoding):
     found = verified(datasets / encoding, 200)
     assert found.findings == []
-    _, *pairs = found.verdicts
+    _, *pairs = found.all_results
     allowed = 1e-2 if encoding == "png16" else 2e-3
     # The first frame has no previous frame.
-    assert ["flow_left_frames_median_px" in verdict.measures for verdict in pairs] == [False, True, True]
-    for verdict in pairs:
-        assert verdict.measures["oracle_flow_largest_px"] < allowed
-        assert verdict.measures["oracle_disparity_change_largest_px"] < 1e-3
-    for verdict in pairs[1:]:
+    assert ["flow_left_frames_median_px" in results.measures for results in pairs] == [False, True, True]
+    for results in pairs:
+        assert results.measures["oracle_flow_largest_px"] < allowed
+        assert results.measures["oracle_disparity_change_largest_px"] < 1e-3
+    for results in pairs[1:]:
         for name in ("flow_left", "flow_right", "flow_backward_left", "flow_backward_right"):
-            assert verdict.measures[f"{name}_frames_median_px"] < allowed
-            assert verdict.measures[f"{name}_change_median_px"] < 2e-3
-            assert verdict.measures[f"{name}_frames_outside_share"] < 0.005
-            assert verdict.measures[f"{name}_image_explained"] > 0.95
-            assert abs(verdict.measures[f"{name}_best_shift_x_px"]) < 0.1
-        assert verdict.measures["flow_visibility_left_disagree_share"] < 0.005
+            assert results.measures[f"{name}_frames_median_px"] < allowed
+            assert results.measures[f"{name}_change_median_px"] < 2e-3
+            assert results.measures[f"{name}_frames_outside_share"] < 0.005
+            assert results.measures[f"{name}_image_explained"] > 0.95
+            assert abs(results.measures[f"{name}_best_shift_x_px"]) < 0.1
+        assert results.measures["flow_visibility_left_disagree_share"] < 0.005
 
 
 @pytest.mark.parametrize("layout", ["kitti", "webdataset"])
@@ -258,9 +258,9 @@ def findings_with(channel, values):
     channels = {"disparity": np.full((6, 8), 9, np.float32), "disparity_change": np.zeros((6, 8), np.float32)}
     image, flow = np.zeros((6, 8, 3), np.uint8), np.zeros((6, 8, 2), np.float32)
     left = ViewArrays({"image": image, "flow": flow} | channels | {channel: values})
-    verdict, camera = Verdict("it"), StereoCamera.centred(8, 6, 10.0, 0.1, doffs_px=5.0)
-    check_view(StoredFrame(camera, left, ViewArrays({"image": image})), "left", 20.0, verdict)
-    return [str(finding) for finding in verdict.findings]
+    results, camera = CheckResults("it"), StereoCamera.centred(8, 6, 10.0, 0.1, doffs_px=5.0)
+    check_view(StoredFrame(camera, left, ViewArrays({"image": image})), "left", 20.0, results)
+    return [str(finding) for finding in results.findings]
 
 
 @pytest.mark.parametrize(("least", "wrong"), [(0.5, False), (3.0, True)])
@@ -281,7 +281,7 @@ def test_only_readable_frames_of_one_sequence_are_compared(copy):
     root = copy()
 
     def compared():
-        return ["flow_left_frames_median_px" in each.measures for each in verified(root).verdicts][1:]
+        return ["flow_left_frames_median_px" in each.measures for each in verified(root).all_results][1:]
 
     for length, expected in ((1, [False, False, False]), (2, [False, True, False]), (3, [False, True, True])):
         change_json(root / "index.json", lambda values, n=length: values["config_values"]["sequence"].update(length=n))

@@ -1,4 +1,4 @@
-"""Raw cameras and the lens chain compared with OpenCV and with rays; borders; pairs with a lens."""
+"""Raw cameras and rectification compared with OpenCV and with rays; borders; pairs with a lens."""
 
 import json
 from dataclasses import replace
@@ -18,7 +18,7 @@ from semisynth_gl.frame.camera import EYES, OTHER_EYE, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
 from semisynth_gl.frame.raw_camera import RawCamera, rotation_of
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.lens.chain import LensChain
+from semisynth_gl.lens.rectification import EyeRectification
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 
 CAMERA = StereoCamera(160, 120, 150.0, 0.1, 78.0, 84.0, 58.5)
@@ -61,25 +61,25 @@ def test_a_lens_that_does_nothing_leaves_each_bit(shape):
     image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
     for eye in EYES:
         raw = RawCamera(160, 120, 150, 150, *CAMERA.intrinsics_px(eye)[:2], "radial-tangential", (0.0,) * 4)
-        chain = LensChain(raw, CAMERA, eye, "black")
-        assert chain.density == 1
-        assert chain.valid.all()
-        np.testing.assert_array_equal(chain.raw_image(image, 1), image)
-        np.testing.assert_array_equal(chain.rectify(image), image)
+        lens = EyeRectification(raw, CAMERA, eye, "black")
+        assert lens.density == 1
+        assert lens.valid.all()
+        np.testing.assert_array_equal(lens.raw_image(image, 1), image)
+        np.testing.assert_array_equal(lens.rectify(image), image)
 
 
 @pytest.mark.parametrize(("fy_over_fx", "density"), [(1.0, 1), (1.1, 1), (1.1, 1.5)])
 @pytest.mark.parametrize("name", LENSES)
 def test_the_raw_image_is_what_its_rays_meet(name, fy_over_fx, density):
     raw = raw_camera(name)
-    chain = LensChain(raw, replace(CAMERA, fy_over_fx=fy_over_fx), "left", "black")
+    lens = EyeRectification(raw, replace(CAMERA, fy_over_fx=fy_over_fx), "left", "black")
 
     def colours(x, y):
         return 120 + 60 * np.sin(x / 9) + 50 * np.cos(y / 7 + x / 30)
 
     y, x = (np.mgrid[: 120 * density, : 160 * density] + 0.5) / density - 0.5
-    found = chain.raw_image(np.rint(colours(x, y)).astype(np.uint8), density)
-    at = raw.to_rectified(chain.pinhole, *np.mgrid[:150, :200].astype(float)[::-1])
+    found = lens.raw_image(np.rint(colours(x, y)).astype(np.uint8), density)
+    at = raw.to_rectified(lens.pinhole, *np.mgrid[:150, :200].astype(float)[::-1])
     # Beyond the outermost pixel centres, the image repeats its border.
     expected = colours(at[0].clip(x.min(), x.max()), at[1].clip(y.min(), y.max()))
     inside = (np.abs(at[0] - 79.5) < 80) & (np.abs(at[1] - 59.5) < 60)
@@ -93,12 +93,12 @@ def test_the_raw_image_is_what_its_rays_meet(name, fy_over_fx, density):
 @pytest.mark.parametrize(("border", "level"), [("black", 0), ("replicate", 200)])
 def test_a_border_is_where_no_ray_ends_on_the_sensor(border, level):
     raw = raw_camera("four", focal_px=190.0, size=(160, 120))
-    chain = LensChain(raw, CAMERA, "right", border)
-    x, y = raw.to_raw(chain.pinhole, *np.meshgrid(np.arange(160.0), np.arange(120.0)))
+    lens = EyeRectification(raw, CAMERA, "right", border)
+    x, y = raw.to_raw(lens.pinhole, *np.meshgrid(np.arange(160.0), np.arange(120.0)))
     within = np.minimum(np.minimum(x, 159 - x), np.minimum(y, 119 - y)) >= -1e-3  # OpenCV's maps are float32
     assert 0.02 < 1 - within.mean() < 0.6
-    np.testing.assert_array_equal(chain.valid, within)
-    image = chain.rectify(np.full((120, 160, 3), 200, np.uint8))
+    np.testing.assert_array_equal(lens.valid, within)
+    image = lens.rectify(np.full((120, 160, 3), 200, np.uint8))
     assert (image[within] == 200).all()
     far = (x < -1) | (x > 160) | (y < -1) | (y > 120)
     assert (image[far] == level).all()
@@ -106,13 +106,13 @@ def test_a_border_is_where_no_ray_ends_on_the_sensor(border, level):
 
 def test_as_much_is_drawn_as_the_sensor_resolves():
     raw = raw_camera("four", focal_px=300.0, size=(400, 300))
-    assert LensChain(raw, CAMERA, "left", "black").density == pytest.approx(300 * 1.02 / 150, rel=0.02)
+    assert EyeRectification(raw, CAMERA, "left", "black").density == pytest.approx(300 * 1.02 / 150, rel=0.02)
 
 
 def test_a_lens_that_folds_the_view_is_refused():
     raw = replace(raw_camera("four"), distortion=(-1.5, 0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="bends two directions to one pixel"):
-        LensChain(raw, CAMERA, "left", "black")
+        EyeRectification(raw, CAMERA, "left", "black")
 
 
 def ends_invalid(valid, flow):

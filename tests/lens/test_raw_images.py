@@ -14,7 +14,7 @@ from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera, rotation_of
 from semisynth_gl.inputs.errors import InputError, ReadError
-from semisynth_gl.lens.chain import LensChain
+from semisynth_gl.lens.rectification import EyeRectification
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 
 OUTPUTS = ["visibility", "valid", "raw", "raw_map"]
@@ -73,9 +73,9 @@ def test_opencv_rectifies_the_raw_file_to_the_images_file(tmp_path, changes, lay
 def test_a_raw_image_is_black_beyond_the_rectified_view_alone():
     camera = StereoCamera(160, 120, 150.0, 0.1, 78.0, 84.0, 58.5)
     raw = RawCamera(260, 240, 150.0, 150.0, 130.0, 120.0, "radial-tangential", (-0.2, 0.05, 0, 0))
-    chain = LensChain(raw, camera, "left", "black")
+    lens = EyeRectification(raw, camera, "left", "black")
     white = np.full((240, 260), 255, np.uint8)
-    shown = chain.within_view(white)
+    shown = lens.within_view(white)
     y, x = np.mgrid[:240, :260].astype(float)
     column, row = raw.to_rectified(camera.matrix("left"), x, y)
     beyond = np.maximum(np.maximum(-0.5 - column, column - 159.5), np.maximum(-0.5 - row, row - 119.5))
@@ -113,24 +113,24 @@ BEHIND = RawCamera(60, 50, 15, 15, 30, 25, "fisheye", (0.0, 0, 0, 0), rotation_o
 def test_any_raw_image_has_all_that_its_rectification_reads(made, seed):
     raw, camera, border = made
     try:
-        chain = LensChain(raw, camera, "left", border)
+        lens = EyeRectification(raw, camera, "left", border)
     except InputError:  # the lens maps two directions to one pixel
         return
     image = np.random.default_rng(seed).integers(1, 256, (raw.height_px, raw.width_px), np.uint8)
-    x, y = chain.raw_map[..., 0], chain.raw_map[..., 1]
+    x, y = lens.raw_map[..., 0], lens.raw_map[..., 1]
     # remap stores positions in 16 bits; a lens that is turned sideways exceeds them.
-    near = (np.abs(chain.maps) < 2**15).all(axis=0)
-    np.testing.assert_array_equal(chain.rectify(chain.within_view(image))[near], chain.rectify(image)[near])
-    assert not np.isnan(chain.raw_map).any()
+    near = (np.abs(lens.maps) < 2**15).all(axis=0)
+    np.testing.assert_array_equal(lens.rectify(lens.within_view(image))[near], lens.rectify(image)[near])
+    assert not np.isnan(lens.raw_map).any()
     assert (np.isfinite(x) == np.isfinite(y)).all()
-    assert (np.isfinite(x) | ~chain.valid).all()
-    assert 1 <= chain.density < 100
+    assert (np.isfinite(x) | ~lens.valid).all()
+    assert 1 <= lens.density < 100
 
 
 def test_what_lies_behind_a_raw_camera_has_no_place_in_its_image():
     camera = StereoCamera(160, 120, 40.0, 0.1, 79.5, 79.5, 59.5)
     raw = RawCamera(100, 100, 200.0, 200.0, 50.0, 50.0, "radial-tangential", (0.0,) * 4, rotation_of((0, 0.9, 0)))
-    places = LensChain(raw, camera, "left", "black").raw_map
+    places = EyeRectification(raw, camera, "left", "black").raw_map
     x, y = np.meshgrid(np.arange(160.0), np.arange(120.0))
     rays = np.stack([(x - 79.5) / 40, (y - 59.5) / 40, np.ones_like(x)], axis=2) @ np.array(raw.rotation)
     np.testing.assert_array_equal(np.isinf(places).any(axis=2), rays[..., 2] <= 0)

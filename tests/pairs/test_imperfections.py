@@ -18,14 +18,14 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.cameras import moments
 from semisynth_gl.pairs.checks import faults
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, sample_imperfections
+from semisynth_gl.pairs.imperfections import ImageImperfections, apply_imperfections, sample_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.crops import least_texture
 
 
 def applied(picture, point=None, **values):
-    return apply_imperfections(picture, Imperfections(**values), np.random.default_rng(1), point)
+    return apply_imperfections(picture, ImageImperfections(**values), np.random.default_rng(1), point)
 
 
 def plain(picture, sampled, rng):
@@ -45,7 +45,7 @@ def plain(picture, sampled, rng):
 def test_blocks_and_levels_give_the_bytes_of_the_whole_image(shape):
     picture = np.random.default_rng(4).integers(0, 256, shape, dtype=np.uint8)
     for stops, balance, noise, gamma in product((0.0, 0.31), ((0.0, 0.0), (0.5, -1.0)), (0.0, 2.7), (1.0, 0.5)):
-        drawn = Imperfections(exposure_stops=stops, white_balance=balance, noise=noise, gamma=gamma)
+        drawn = ImageImperfections(exposure_stops=stops, white_balance=balance, noise=noise, gamma=gamma)
         ours, theirs = np.random.default_rng(7), np.random.default_rng(7)
         np.testing.assert_array_equal(apply_imperfections(picture, drawn, ours), plain(picture, drawn, theirs))
         assert ours.random() == theirs.random()
@@ -144,7 +144,7 @@ def test_recorded_values_make_the_image_again_from_the_clean_one(changes):
         rng.random(4)
         seen |= {*recorded[eye]["white_balance"], recorded[eye]["vignetting"], recorded[eye]["sharpening"]}
         assert recorded[eye]["jpeg_quality"] in range(60, 96)
-        values = Imperfections(**recorded[eye])
+        values = ImageImperfections(**recorded[eye])
         point = sharp.camera.intrinsics_px(eye)[:2]
         if name == "raw":
             point = np.array(pair.provenance["lens"][eye]["K"])[:2, 2]

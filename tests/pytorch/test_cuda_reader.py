@@ -16,7 +16,7 @@ from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.channels import RENDERED_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render.readers import PixelBuffers
+from semisynth_gl.render.readers import GpuPixelBuffers
 
 torch = heavy("torch")
 pytestmark = [pytest.mark.heavy, pytest.mark.one_backend]
@@ -93,7 +93,7 @@ class FakeRuntime(ModuleType):
 
 @pytest.fixture
 def runtime(monkeypatch):
-    fake, fill = FakeRuntime(), PixelBuffers.fill
+    fake, fill = FakeRuntime(), GpuPixelBuffers.fill
     for name in ("cuda", "cuda.bindings"):
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
     monkeypatch.setitem(sys.modules, "cuda.bindings.runtime", fake)
@@ -104,7 +104,7 @@ def runtime(monkeypatch):
         fake.buffers[buffer.glo] = buffer
         return buffer
 
-    monkeypatch.setattr(PixelBuffers, "fill", noted)
+    monkeypatch.setattr(GpuPixelBuffers, "fill", noted)
     return fake
 
 

@@ -13,7 +13,7 @@ from semisynth_gl.frame.camera import CameraDeviation, StereoCamera
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.geometry.rotations import rotations_about
-from semisynth_gl.scene.scene import Motion, Scene, make_scene, move
+from semisynth_gl.scene.scene import Scene, SceneMotion, make_scene, move
 
 CAMERA = StereoCamera(120, 90, 132.0, 0.2, 57.0, 63.0, 42.0)
 DEVIATION = CameraDeviation(-0.03, 0.02, -1.7, 0.98)
@@ -25,8 +25,8 @@ class Case:
 
     scene: Scene
     models: Sequence[Mesh]
-    future: Motion
-    past: Motion
+    future: SceneMotion
+    past: SceneMotion
     signed: bool = False  # disparities of 0 and below are valid
     exact: float = 0.995  # smallest share of pixels with the rays' disparity
     seen: float = 0.97  # smallest share of pixels with the rays' masks

@@ -15,7 +15,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import sample_plane
 from semisynth_gl.scene.rig import NO_SWAY, SequenceRig, sample_sway
-from semisynth_gl.scene.scene import Motion, move
+from semisynth_gl.scene.scene import SceneMotion, move
 
 CAMERA = StereoCamera(200, 150, 220.0, 0.2, 95.0, 103.0, 70.0)
 WALL, CARD = facing(CAMERA, -400, -400, 1200, 1200, 2.0), facing(CAMERA, 50, 40, 60, 50, 1.0)
@@ -106,7 +106,7 @@ def test_motions_that_do_not_fit_are_refused(open_renderer):
         (scene.world_from_model * np.nan, [0], "got nan"),
     ):
         with pytest.raises(InputError, match=said):
-            Motion(scene, poses, np.array(instance))
+            SceneMotion(scene, poses, np.array(instance))
 
 
 # Sequences

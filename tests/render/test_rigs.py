@@ -22,11 +22,11 @@ from semisynth_gl.frame.channels import OCCLUDED, RENDERED_OUTPUTS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.mix import RecipeMixSampler
 from semisynth_gl.scene.particles import ParticleSlots, sample_start
 from semisynth_gl.scene.rig import SequenceRig, near_depth_m, sample_cameras
 from semisynth_gl.scene.sources import prepare_sources
-from semisynth_gl.scene.view_volume import vertical_extent
+from semisynth_gl.scene.view_volume import vertical_view_limits
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
@@ -319,7 +319,7 @@ def test_scenes_are_as_many_below_0_as_above():
 def test_particles_come_into_both_views_at_any_disparity():
     camera = StereoCamera.centred(100, 60, 50.0, 0.1, doffs_px=40.0)
     values = (np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 1.0, 0.5, 1.0, 1.0))
-    slots = ParticleSlots(*values, vertical_extent(SequenceRig((camera,))))
+    slots = ParticleSlots(*values, vertical_view_limits(SequenceRig((camera,))))
     start = sample_start(camera, ParticlesSection(), slots, np.random.default_rng(0)).middle_px
     # With a negative disparity, points at the right view's left border are left of the left view.
     assert start.min() == pytest.approx(-30 - 5 - 0.5, abs=0.3)
@@ -370,6 +370,6 @@ def test_examples_make_scenes_at_their_full_size(name):
     few = ["textures.source=procedural", "textures.max_patches=8", "models.complex=0", "models.variants=1"]
     config = load_config(ROOT / "examples" / f"{name}.yaml", few)
     sources = prepare_sources(config, Split(0))
-    sampler = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
+    sampler = RecipeMixSampler(config, 0, sources.libraries, sources.atlas.patches)
     assert len(sampler.sample(0).scene.model) > 10
     assert sampler.expected().shares.sum() == pytest.approx(1)

@@ -11,8 +11,8 @@ from samplers import still_rig
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.scene.particles import ParticleBatch, particle_poses, sample_slots, sample_start, stated_sizes
-from semisynth_gl.scene.rig import Sway
+from semisynth_gl.scene.particles import ParticleLayer, particle_poses, sample_slots, sample_start, stated_sizes
+from semisynth_gl.scene.rig import CameraSway
 
 CAMERA = StereoCamera(600, 400, 700.0, 0.2, 280.0, 320.0, 190.0)
 COUNT = 40
@@ -26,14 +26,14 @@ def rigs(draw):
     width, height = draw(st.integers(60, 400)), draw(st.integers(60, 400))
     camera = StereoCamera.centred(width, height, width * draw(st.floats(0.5, 3)), 0.3, width * draw(st.floats(0, 0.3)))
     turn, shift = draw(st.floats(0, 0.05)), draw(st.floats(0, 0.01))
-    sway = Sway(np.full(3, shift), np.full(3, turn), np.linspace(1, 3, 6), np.arange(6.0))
+    sway = CameraSway(np.full(3, shift), np.full(3, turn), np.linspace(1, 3, 6), np.arange(6.0))
     rig = still_rig(camera, 0.5 * width)
     return replace(rig, sway=sway) if draw(st.booleans()) else rig
 
 
 def slots_of(rig, section, *ranges, seed=2):
     """Sample slots of `COUNT` particles for each disparity range; also return a function that starts a generation."""
-    batches = [ParticleBatch(Range(*ends), COUNT, stated_sizes(section)) for ends in ranges]
+    batches = [ParticleLayer(Range(*ends), COUNT, stated_sizes(section)) for ends in ranges]
     slots = sample_slots(rig, section, batches, np.random.default_rng(seed))
     return slots, lambda number: sample_start(rig.camera, section, slots, np.random.default_rng([3, number]))
 
@@ -130,7 +130,7 @@ def test_stretch_never_exceeds_the_bounding_sphere():
 def test_batches_of_more_particles_than_allowed_are_cut_in_proportion():
     section = ParticlesSection(most=50)
     batches = [
-        ParticleBatch(Range(low, low), count, stated_sizes(section)) for low, count in ((20.0, 400), (60.0, 100))
+        ParticleLayer(Range(low, low), count, stated_sizes(section)) for low, count in ((20.0, 400), (60.0, 100))
     ]
     slots = sample_slots(still_rig(CAMERA, 1e9), section, batches, np.random.default_rng(2))
     assert np.unique(slots.disparity_px, return_counts=True)[1] == pytest.approx([40, 10], abs=1)

@@ -18,7 +18,7 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.histogram import Histogram, count_pixels, total_variation
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.scene.mix import MixSampler, recipe_numbers
+from semisynth_gl.scene.mix import RecipeMixSampler, recipe_numbers
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import Split
@@ -61,7 +61,7 @@ def small(variants=1):
 
 
 def sampler_of(config, seed=3):
-    return MixSampler(config, seed, recipe_libraries(config, Split(seed)), PATCHES)
+    return RecipeMixSampler(config, seed, recipe_libraries(config, Split(seed)), PATCHES)
 
 
 # The share of each recipe

@@ -16,7 +16,7 @@ DENSE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeasuredView:
+class MeasureInput:
     """The arrays of one view at the working width.
 
     Attributes:
@@ -39,13 +39,13 @@ def working_width(width_px: int) -> int:
     return min(_WORKING_WIDTH, width_px)
 
 
-def make_view(
+def make_measure_input(
     width_px: int,
     image: NDArray[np.uint8] | None = None,
     disparity: NDArray[np.float32] | None = None,
     *,
     signed: bool = False,
-) -> MeasuredView:
+) -> MeasureInput:
     """Resize an image, a disparity map, or both of the same size, to the working width ``width_px``.
 
     Images are averaged over areas. Disparities are sampled at the centres of pixels, since the mean of two surfaces
@@ -66,7 +66,7 @@ def make_view(
             rows = np.flatnonzero(known.any(axis=1))
             surfaces = fill_holes(scaled[rows[np.abs(rows[:, None] - np.arange(size[0])).argmin(axis=0)]])
     luminance = None if image is None else mean_luminance(image, size)
-    return MeasuredView(luminance, scaled, surfaces, width < width_px)
+    return MeasureInput(luminance, scaled, surfaces, width < width_px)
 
 
 def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:

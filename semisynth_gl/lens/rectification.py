@@ -31,7 +31,7 @@ _BORDER_PX = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class LensChain:
+class EyeRectification:
     """The raw camera of one eye, and the rectification of its images for the rectified pair ``camera``.
 
     ``border`` says what the rectified image shows where the sensor saw nothing: black, or the nearest pixel's colour.
