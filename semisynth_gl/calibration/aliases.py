@@ -43,7 +43,10 @@ _NUMBERS = {
     "cy": "cy ppy v0",
     "width": "width imagewidth imgwidth cols nx",
     "height": "height imageheight imgheight rows ny",
-    "baseline": f"baseline baselinem baselinemm baselinemeters b {UNNAMED}",
+    "baseline": f"baseline b {UNNAMED}",  # in an unknown unit
+    "baseline_m": "baselinem baselinemeters",
+    "baseline_cm": "baselinecm",
+    "baseline_mm": "baselinemm",
     "focal_baseline": "bf focalxbaseline",
     **{name: name for name in _COEFFICIENTS},
 }

@@ -98,7 +98,8 @@ def find_stereo_arrays(
     pose = _stereo_pose(arrays, poses, cameras)
     p = p or _projections_of_right(arrays, cameras)
     if p is None and pose is None:
-        p, k = _projections_of_rectified(arrays, k, notes), None
+        p, unit = _projections_of_rectified(arrays, k, unit, notes)
+        k = None
     pose, p = _to_metres(pose, p, unit, notes)
     stated_size = _size(arrays)
     model: LensModel | None = None
@@ -221,31 +222,37 @@ def _projections_of_right(arrays: Arrays, cameras: Cameras) -> ArrayPair | None:
     return (right * (1, 1, 1, 0), right) if right[0, 3] else None
 
 
-def _projections_of_rectified(arrays: Arrays, k: ArrayPair | None, notes: list[str]) -> ArrayPair | None:
-    """Return both projections from K of the rectified cameras and a baseline, or from Q; None without these."""
+def _projections_of_rectified(
+    arrays: Arrays, k: ArrayPair | None, unit: str | None, notes: list[str]
+) -> tuple[ArrayPair | None, str | None]:
+    """Return both projections from K of the rectified cameras and a baseline, or from Q; None without these.
+
+    Also returns ``unit``, or if it is None, the unit that the baseline's name states.
+    """
     matrices = arrays.get("K", {})
     if k is None and len(matrices) == 1:
         (single,) = matrices.values()
         k = single, single
-    baseline = None if k is None else _baseline(arrays, float(k[0][0, 0]))
+    baseline, stated_unit = (None, None) if k is None else _baseline(arrays, float(k[0][0, 0]))
     if k is not None and baseline is not None:
         if any(d.any() for d in arrays.get("D", {}).values()):
             notes.append("D was ignored: with a baseline and without R, images are taken to be rectified")
-        return projections(*k, baseline)
+        return projections(*k, baseline), unit or stated_unit
     for q in arrays.get("Q", {}).values():
         focal_px, cx_left, cy = q[2, 3], -q[0, 3], -q[1, 3]
         # The last row of Q ends in -1 / Tx and (cx - cx') / Tx.
         left, right = (camera_matrix(focal_px, focal_px, cx, cy) for cx in (cx_left, cx_left + q[3, 3] / q[3, 2]))
-        return projections(left, right, abs(1 / q[3, 2]))
-    return None
+        return projections(left, right, abs(1 / q[3, 2])), unit
+    return None, unit
 
 
-def _baseline(arrays: Arrays, focal_px: float) -> float | None:
-    """Return the baseline: stated, or a stated product of focal length and baseline divided by ``focal_px``."""
-    for kind, divisor in (("baseline", 1.0), ("focal_baseline", focal_px)):
+def _baseline(arrays: Arrays, focal_px: float) -> tuple[float | None, str | None]:
+    """Return the baseline and the unit that its name states, or else a stated f B divided by ``focal_px``."""
+    kinds = {f"baseline_{unit}": unit for unit in UNITS} | {"baseline": None, "focal_baseline": None}
+    for kind, unit in kinds.items():
         for number in arrays.get(kind, {}).values():
-            return abs(float(number[0])) / divisor
-    return None
+            return abs(float(number[0])) / (focal_px if kind == "focal_baseline" else 1), unit
+    return None, None
 
 
 def _size(arrays: Arrays) -> ImageSize | None:

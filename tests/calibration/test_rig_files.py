@@ -539,6 +539,8 @@ def test_units_are_concluded_or_given(tmp_path):
         rig = read(tmp_path, {"rig.yml": opencv(unit_m=unit_m)}, unit="cm")
         assert rig.camera.baseline_m == pytest.approx(CAMERA.baseline_m / unit_m * 0.01)
         assert not rig.notes
+        rig = read(tmp_path, IMAGE | {"fx": 500, "cx": 320, "cy": 240, f"baseline_{unit}": 3})
+        assert (rig.camera.baseline_m, rig.notes) == (pytest.approx(3 * unit_m), ())
     with pytest.raises(InputError, match=r"unit: .*calib\.txt states the unit: do not give one"):
         read(tmp_path, {"calib.txt": MIDDLEBURY}, unit="mm")
 
