@@ -94,7 +94,9 @@ def find_stereo_arrays(
         tree = {name: value for name, value in tree.items() if key_and_camera(name, value)[1] in {"", *cameras}}
     arrays, notes = find_arrays(tree), list[str]()
     k, p, d = (_pair(arrays, kind, cameras) for kind in ("K", "P", "D"))
-    rectification = _pair(arrays, "R_rect", cameras) or _pair(arrays, "R", cameras)
+    rectification = _pair(arrays, "R_rect", cameras)
+    if rectification is None and _pair(arrays, "T", cameras) is None:  # beside T of both cameras, R is not R1 and R2
+        rectification = _pair(arrays, "R", cameras)
     pose = _stereo_pose(arrays, poses, cameras)
     p = p or _projections_of_right(arrays, cameras)
     if p is None and pose is None:
@@ -145,8 +147,9 @@ def _stereo_pose(arrays: Arrays, poses: Mapping[Frames, Array], cameras: Cameras
     if "" in rotations and "" in translations:
         return pose_of(rotations[""], translations[""])
     poses = {**poses}
-    for camera in rotations.keys() & translations.keys():
-        poses[camera, "reference"] = pose_of(rotations[camera], translations[camera])
+    for camera, rotation in rotations.items():
+        if camera in translations:
+            poses[camera, "reference"] = pose_of(rotation, translations[camera])
     left, right = cameras or _left_and_right({*chain.from_iterable(poses)})
     from_left = {left: np.eye(4)}
     for _ in range(_LONGEST_CHAIN):

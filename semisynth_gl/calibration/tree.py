@@ -104,19 +104,23 @@ def _numpy(data: bytes) -> Any:  # noqa: ANN401 - an array, or arrays by name
         file = np.load(io.BytesIO(data), allow_pickle=False)
         if isinstance(file, np.ndarray):
             return file
-        names = file.files if sum(each.file_size for each in file.zip.infolist()) < _LARGEST_NUMPY else []
-        for name in names:
+        size = sum(each.file_size for each in file.zip.infolist())
+        for name in file.files if size < _LARGEST_NUMPY else []:
             with suppress(ValueError):  # objects
                 arrays[name] = file[name]
     except Exception as error:  # noqa: BLE001 - NumPy raises a dozen kinds for damaged files
         raise FormatError(f"is not a valid .npz or .npy file: {error}") from None
+    if size >= _LARGEST_NUMPY:
+        raise FormatError(f"has arrays of {size >> 20} MiB: expected less than {_LARGEST_NUMPY >> 20} MiB")
     return arrays
 
 
 def _element(element: ET.Element) -> Any:  # noqa: ANN401 - any nested value
     if not len(element):
         return (element.text or "").strip()
-    return {child.tag: _element(child) for child in element}
+    children = [(child.tag, _element(child)) for child in element]
+    by_tag = dict(children)
+    return by_tag if len(by_tag) == len(children) else [value for _, value in children]
 
 
 def _yaml(text: str) -> dict[str, Any] | None:
@@ -149,16 +153,18 @@ def _lines(text: str) -> dict[str, Any]:
     values: dict[str, Any] = {}
     section, name, rows = values, "", list[str]()
     for line in (each.strip() for each in (*text.splitlines(), "")):
+        if line.startswith(("#", "//", "%")):
+            continue
         is_row = _numbers(line) is not None
         goes_on = is_row and rows and (name or len(line.split()) == len(rows[-1].split()))
         if rows and not goes_on:
-            section[name or UNNAMED + "'" * len(values)] = " ".join(rows)  # a different name for each unnamed array
+            section[name or UNNAMED + "'" * len(section)] = " ".join(rows)  # a different name for each unnamed array
             rows.clear()
         if is_row:
             rows.append(line)
         elif heading := re.fullmatch(r"\[([A-Za-z_][^\]]*)\]", line):
             name, section = "", values.setdefault(heading[1], {})
-        elif not line.startswith(("#", "//", "%")):
+        else:
             sign = re.search("[=:]", line)
             name, _, value = line.partition(sign[0] if sign else " ")
             name, value = name.strip(), value.strip("; ")

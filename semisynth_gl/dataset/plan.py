@@ -1,11 +1,14 @@
 """Making the plan of a dataset: its layout, and the number of pairs in a shard."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from math import ceil
 from typing import Any
 
+from pydantic import ValidationError
+
 from semisynth_gl.config import Config
+from semisynth_gl.config.errors import reason_of
 from semisynth_gl.dataset.documents import FORMAT, MOST_PAIRS, PROGRAM, DatasetPlan
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, shown
@@ -49,7 +52,7 @@ def make_plan(
     if (reason := _conflict(config, layout)) is not None:
         raise InputError(f"the layout {layout_name} {reason}; or choose another layout, such as middlebury")
     if lacking := sorted(layout.needs.difference(config.outputs)):
-        config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
+        config = _with_outputs(config, lacking, layout_name)
     if shard_pairs is None:
         shard_pairs = _shard_pairs(config, max(counts.values()))
     return DatasetPlan.model_validate(
@@ -68,6 +71,16 @@ def make_plan(
             "plugins": used_plugins(config, layout_name),
         }
     )
+
+
+def _with_outputs(config: Config, outputs: Sequence[str], layout_name: str) -> Config:
+    """Return a config with the outputs that the layout needs; raises InputError if the config cannot have them."""
+    values = config.model_dump(mode="json") | {"outputs": [*config.outputs, *outputs]}
+    try:
+        return Config.model_validate(values)
+    except ValidationError as error:
+        reasons = "; ".join(dict.fromkeys(map(reason_of, error.errors(include_url=False))))
+        raise InputError(f"the layout {layout_name} needs the output {', '.join(outputs)}; then {reasons}") from None
 
 
 def _conflict(config: Config, layout: Layout) -> str | None:

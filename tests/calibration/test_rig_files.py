@@ -34,6 +34,7 @@ from shared_material import SHARED, needs_shared
 
 from semisynth_gl.calibration.rig_files import read_rig
 from semisynth_gl.calibration.sizes import ImageSize
+from semisynth_gl.calibration.tree import read_tree
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 
@@ -526,6 +527,22 @@ def test_cameras_that_are_rectified_already_have_no_lens(tmp_path):
     p1, p2 = (values[f"P{n}"] for n in "12")
     values |= {"R1": np.eye(3), "R2": np.eye(3), "K1": p1[:, :3], "K2": p2[:, :3], "D1": np.zeros(5), "D2": np.zeros(5)}
     assert read(tmp_path, values | IMAGE).raw is None
+    # R and T of both cameras are their poses, not R1 and R2.
+    eyes = {
+        eye: {"P": values[f"P{n}"], "K": k, "D": FIVE[0], "R": turn, "T": shift}
+        for n, eye, k, turn, shift in ((1, "left", K1, np.eye(3), np.zeros(3)), (2, "right", K2, R, T))
+    }
+    assert read(tmp_path, eyes | IMAGE).raw is None
+
+
+def test_no_value_of_a_text_or_xml_file_hides_another(tmp_path):
+    for name, text, expected in (
+        ("a.txt", "K\n1 2\n# rows\n3 4\n", {("K",): [1, 2, 3, 4]}),
+        ("b.txt", "[left]\n1 2\n1 2 3\n", {("left", "numbers"): [1, 2], ("left", "numbers'"): [1, 2, 3]}),
+        ("c.xml", "<a><b><_>1</_><_>2</_></b></a>", {("b",): [1, 2]}),
+    ):
+        (path,) = write(tmp_path, {name: text})
+        assert {key: value.tolist() for key, value in read_tree(path).items()} == expected
 
 
 # --- options of the user, and values derived without them ---

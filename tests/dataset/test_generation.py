@@ -28,6 +28,10 @@ def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
         assert result.plan.layout_name == {"few": "middlebury", "many": "webdataset", "own": "kitti"}[name]
 
 
+_EYE = "{fx_px: 800, distortion: [0, 0, 0, 0]}"
+LENS = f"{{raw_width_px: 1242, raw_height_px: 375, left: {_EYE}, right: {_EYE}}}"
+
+
 @pytest.mark.parametrize(
     ("layout", "settings", "said"),
     [
@@ -37,6 +41,11 @@ def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
         ("crestereo", ["disparity.signed=true"], "stores .*another layout"),
         ("sceneflow", ["outputs=[correspondence]"], "correspondence.*such as middlebury"),
         ("kitti", ["outputs=[flow]", "sequence.length=91"], r"sequence\.length.*another layout"),
+        (
+            "kitti",
+            [f"lens={LENS}", "outputs=[]"],
+            "needs the output instances, visibility; then .*add valid",
+        ),
     ],
 )
 def test_what_a_layout_cannot_hold_is_refused(tmp_path, layout, settings, said):
