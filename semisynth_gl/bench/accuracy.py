@@ -1,4 +1,4 @@
-"""The error of rendered disparities, compared with float64 rays; that of a test plane, compared with its equation."""
+"""Errors of rendered disparities: of a config's scenes against float64 rays, of a test plane against its equation."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -37,7 +37,7 @@ def measure(
 
 
 def scene_facts(bench: ConfigScenes, seed: int, truths: Sequence[TruthAtPixels]) -> dict[str, Any]:
-    """Return config, seed, number and sizes (width, height) of the scenes, and numbers of compared and other pixels."""
+    """Return config, seed, number of scenes, sizes (width, height), and counts of compared and left-out pixels."""
     return {
         "config": bench.config.name,
         "config_sha256": bench.config.digest(),
@@ -66,7 +66,7 @@ def errors_text(error: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def plane_error_px(backend: Backend) -> float:
-    """Render a slanted plane; return the largest error, px, of both disparities. Raises BackendError without OpenGL."""
+    """Render a slanted plane; return the largest disparity error of both views, px; BackendError without OpenGL."""
     camera = StereoCamera(320, 240, 400.0, 0.2, 155.5, 163.5, 119.5)
     # The points p of the plane satisfy normal . p = 2, with x and y from -9 to 9 m.
     normal, matrix = np.array([0.3, -0.2, 1.0]), np.eye(4)

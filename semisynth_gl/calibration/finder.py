@@ -26,12 +26,12 @@ from semisynth_gl.frame.raw_camera import LensModel
 UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 """Metres per unit of a translation, by the unit's name."""
 
-# A baseline without a unit is taken as metres up to the first value, as cm up to the second, and as mm above. The
-# second value as cm and as mm is equally far, by factors, from 12 cm, the baseline of most rigs.
+# A baseline without a unit is taken as metres up to the first value, as cm up to the second, and as mm above. Most rigs
+# have a baseline of about 12 cm. 38 is the border since 38 cm is 3.2 times that, and 38 mm is that divided by 3.2.
 _LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
 # Relative tolerance of equal baselines.
 _SAME_BASELINE = 0.02
-# Keys of poses, with target frame and source frame; "camera" is the camera of the pose's name.
+# Keys of poses, with target frame and source frame; "camera" stands for the number in the name, 0 for T_cam0_imu.
 _POSES = {
     "tcamimu": ("camera", "body"),  # Kalibr
     "timucam": ("body", "camera"),  # OpenVINS
@@ -46,7 +46,10 @@ _LONGEST_CHAIN = 9
 Frames = tuple[str, str]
 """Target frame and source frame of a pose, such as ("0", "body")."""
 Cameras = tuple[str, str] | None
-"""The left and the right camera as in `Arrays`; None for left and right, or the two numbers that a tree has."""
+"""The left and the right camera as in `Arrays`.
+
+None means the cameras "left" and "right"; if the tree lacks them, its two numbered cameras, the lower number left.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,10 +87,10 @@ class StereoArrays:
 def find_stereo_arrays(
     tree: Tree, source: str, cameras: Cameras = None, unit: str | None = None, size: ImageSize | None = None
 ) -> StereoArrays:
-    """Return the arrays of a rig in a tree; those that the tree does not have are None.
+    """Return the arrays of a rig in a tree; an array that the tree lacks is None.
 
-    The tree may have more than two cameras if ``cameras`` are given. A ``unit`` of None is guessed. ``size`` is that of
-    the photographs, for a tree without a size. Raises FormatError if values contradict each other.
+    If the tree has more than two cameras, ``cameras`` must choose two. A ``unit`` of None is guessed. ``size`` is the
+    size of the photographs; it is used if the tree states none. Raises FormatError if values contradict each other.
     """
     poses = _named_poses(tree)
     if cameras is not None:
@@ -125,16 +128,17 @@ def _pair(arrays: Arrays, kind: str, cameras: Cameras) -> ArrayPair | None:
 
 
 def _left_and_right(cameras: AbstractSet[str]) -> tuple[str, str]:
-    """Return the left and the right one of two cameras with numbers, else "left" and "right".
+    """Return the names of the left and the right camera, see `Cameras`.
 
-    Raises FormatError for more than two numbers.
+    Raises FormatError if there are more than two numbered cameras.
     """
     numbers = sorted((camera for camera in cameras if camera.isdigit()), key=int)
     if {"left", "right"} <= cameras or len(numbers) < 2:
         return "left", "right"
     if len(numbers) > 2:
         text = ", ".join(numbers)
-        raise FormatError(f"has {len(numbers)} cameras ({text}): choose two, --pair LEFT,RIGHT or cameras")
+        advice = "choose two with --pair LEFT,RIGHT (in Python: the argument cameras)"
+        raise FormatError(f"has {len(numbers)} cameras ({text}): {advice}")
     return numbers[0], numbers[1]
 
 

@@ -2,6 +2,8 @@
 
 The distribution of a measure over a mix is the weighted mean of its distributions over the recipes, so a few pairs of
 each recipe predict any mix. Blur is applied to rendered images, so one pair can be measured with each amount of blur.
+
+Views are resized to a common width, the working width (`working_width`), before they are measured.
 """
 
 from collections.abc import Sequence
@@ -27,7 +29,7 @@ BLURS = (0.0, 0.15, 0.3, 0.5, 0.8)
 _SEED = 0
 # Weights are multiples of 1 over this number.
 _PARTS = 20
-# The cost of uneven weights is this times the sum of their squares.
+# Uneven weights cost this times the sum of their squares.
 _EVENNESS = 0.1
 # This share of pixels at unwanted disparities costs as much as a measure that is off by one standard deviation.
 _SURPLUS = 0.07
@@ -47,7 +49,8 @@ def fit(draft: ConfigDraft, reference: Values, pairs: int, listener: Listener) -
     width_px = draft.rig.camera.width_px
     blur_scale = width_px / working_width(width_px)
     cells = {f"{scene['recipe']}-{k}": (r, k) for r, scene in enumerate(scenes) for k in range(len(TEXELS))}
-    # Here, each recipe without layers gets the whole target. Solving it for what the mix lacks would take long.
+    # A recipe that states no depth layers of particles gets particles that reach the target: in a trial, the recipe
+    # reaches it alone. In a mix, it adds what the other recipes lack; solving that for every mix would take long.
     target = {"disparity": {"target": disparity.pop("target")}}
     own = [{} if "layers" in scene.get("particles", {}) else target for scene in scenes]
     tried = [
@@ -102,15 +105,15 @@ def nearest_mix(
     """Choose the mix whose pairs are expected to be nearest to ``reference``, in its standard deviations.
 
     Returns the weights of R recipes, (R,) with a sum of 1, and the indices of the texture scale and the blur. The
-    weights are chosen by the distributions of the measures of disparity maps. More pixels in a bin than wanted also
-    cost, since solved recipes add pixels to bins and cannot remove any. Texture scale and blur are chosen by the means
-    of the measures of images.
+    weights are chosen by the distributions of the measures of disparity maps. A mix also costs more if the recipes with
+    stated layers put more pixels into a bin than wanted: particles of other recipes can only add pixels. Texture scale
+    and blur are chosen by the means of the measures of images.
 
     Args:
         trial: for each recipe (the last is clutter), each of `TEXELS` and each pair: (B, M), the M measures with each
             of `BLURS`; nan for a missing measure.
         shares: (R, K), expected share of each recipe's pixels in each of the K bins of the wanted histogram; 0 for
-            recipes that are solved for what the other recipes lack.
+            recipes without stated layers, whose particles add what the other recipes lack.
         wanted: (K,), shares of the wanted histogram.
         reference: the measures of the user's photographs and maps, at the working width.
     """

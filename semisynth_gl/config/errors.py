@@ -11,7 +11,7 @@ from semisynth_gl.config.layers import ConfigLayer, holds, merged, undotted
 from semisynth_gl.config.yaml_values import KeyPath
 from semisynth_gl.inputs.errors import did_you_mean, shown
 
-# Messages for the types of errors about which pydantic speaks of Python's types.
+# Our messages for errors in whose messages pydantic names Python types or tags, which a writer of YAML does not know.
 _YAML_TYPES = {
     "dict_type": "expected keys and values",
     "model_type": "expected keys and values",
@@ -43,7 +43,7 @@ def _line(fault: ErrorDetails, layer: ConfigLayer) -> str:
     if location[2:3] == ("config",):
         recipe, location = location[:2], location[3:]
         values = merged(values, values["scenes"][recipe[1]])
-    # Pydantic's locations also contain forms of targets and types, which are not keys.
+    # Pydantic's locations also contain type names and tags of unions, such as the form of a target: these are no keys.
     key = KeyPath()
     for part in location:
         key = (*key, part) if holds(values, (*key, part)) else key
@@ -64,7 +64,7 @@ def _line(fault: ErrorDetails, layer: ConfigLayer) -> str:
 
 
 def _hint(key: KeyPath) -> str:
-    """Return the question whether keys of a similar name are meant."""
+    """Return a question such as "did you mean X?" about keys with similar names."""
     fields = {name for section in ConfigSection.__subclasses__() for name in section.model_fields}
     fields -= {"given", "config"}  # fields of recipes that are no keys
     similar = get_close_matches(str(key[-1]), fields, 1, 0.7)

@@ -79,7 +79,7 @@ class Shard:
 
     @property
     def record(self) -> str:
-        """The path of the record, which is written last: a shard with a record is complete."""
+        """The path of the record. It is written last, so a shard with a record is complete."""
         return f"{SHARDS_FOLDER}/{self.name}.json"
 
     @property
@@ -142,7 +142,7 @@ class DatasetPlan(DatasetDocument):
         return tuple(name for name in SPLITS if self.pairs.get(name))
 
     def split(self, name: SplitName) -> Split:
-        """Return a split, by which photographs and models are chosen."""
+        """Return a split, which chooses its photographs and models."""
         return self.config.splits.split(name, self.splits, self.seed)
 
     @cached_property
@@ -165,7 +165,10 @@ class DatasetPlan(DatasetDocument):
         return PairKey(self.name, split, index, sequence_length(self.config), self.views)
 
     def files(self, split: SplitName, index: int) -> dict[str, str]:
-        """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
+        """Return the path of each file of a pair, below the dataset's folder or inside a tar.
+
+        The keys are the files' roles: what a file contains, such as ``disparity_left``.
+        """
         config, layout = self.config, self.layout
         files = layout.files(self.key(split, index), self.encodings, config.outputs, config.truth)
         folder = "" if layout.packed else self.folder(split)
@@ -178,11 +181,11 @@ class DatasetPlan(DatasetDocument):
 
     @property
     def links(self) -> dict[str, str]:
-        """The layout's links: target, from the link's folder, by path below the dataset's folder."""
+        """The symbolic links: by each link's path in the dataset's folder, its target relative to the link's folder."""
         return self._in_folders(self.layout.links_of)
 
     def _in_folders(self, of_pairs: Callable[[list[PairKey]], Mapping[str, _Value]]) -> dict[str, _Value]:
-        """Call a function with the keys of each split's pairs; move the paths in its results to the split's folder."""
+        """Call a function with the keys of each split's pairs, and put the split's folder before the paths returned."""
         return {
             f"{self.folder(split)}{path}": value
             for split in self.splits
@@ -223,7 +226,7 @@ class SplitPatches(DatasetDocument):
 
 
 class ShardEntry(DatasetDocument):
-    """A shard in the index; ``sha256`` is that of its tar, or else of what `sha256sum` prints for its files."""
+    """A shard in the index; ``sha256`` is the digest of its tar, or else of what `sha256sum` prints for its files."""
 
     shard: str
     split: SplitName
@@ -292,8 +295,8 @@ def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
     """Parse the bytes of a document's file; the path is for messages.
 
     Raises:
-        InputError: where a newer program wrote the dataset, or the layout is a plug-in's that is not installed.
-        ReadError: where the bytes are no JSON, or keys are wrong or missing.
+        InputError: where a plan or index has a newer format, or its layout is of a plug-in that is not installed.
+        ReadError: where the bytes are no JSON, keys are wrong or missing, or a record has a newer format.
     """
     values = JSON_OBJECT.decode(data, path)
     found = values.get("format")

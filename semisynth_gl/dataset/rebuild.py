@@ -35,7 +35,7 @@ class RebuiltScenes:
         self.models: tuple[Mesh, ...] = self._sampler.models
 
     def sampled(self, frame: StoredFrame) -> SampledScene | None:
-        """Rebuild a pair's scene, with the slot and generation of each instance.
+        """Rebuild a pair's scene, with the slot and generation of each instance (see `scene.particles`).
 
         Return None if the rebuilt scene has a different recipe or camera than the pair's provenance.
         """

@@ -37,7 +37,8 @@ class ModelLibrary:
         sampled: (M,) int64, indices of the models that this recipe samples.
         chances: (M,) float64, sum 1, the chance of each sampled model. The weight of a family is divided among its
             models in proportion to the weights of their kinds.
-        relief: the mean relief of the sampled models.
+        relief: how much of its sphere's disc a sampled model covers, and how far its surface comes towards the viewer,
+            both on average.
         skipped: the user's files that have no usable model, with reasons.
         user_count: number of the user's models, which are first in ``sampled``.
     """
@@ -53,8 +54,8 @@ class ModelLibrary:
 def build_library(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
     """Build the models of one recipe in a split, or load them from the cache.
 
-    ``particles`` states how models are stretched, which changes their mean relief. Raises InputError if a folder does
-    not exist, the folders have no usable model, no model has a weight, a plug-in cannot be used, or there are too few
+    ``particles`` states how models are stretched, which changes ``relief``. Raises InputError if a folder does not
+    exist, the folders have no usable model, no model has a weight, a plug-in cannot be used, or there are too few
     models for all splits.
     """
     key = {

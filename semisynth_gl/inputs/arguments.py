@@ -45,7 +45,8 @@ def to_whole(name: str, value: object, least: int | None = None, most: int | Non
         raise _error(name, "a whole number", value)
     number = int(value)
     if (least is not None and number < least) or (most is not None and number > most):
-        raise _error(name, f"{least} or more" if most is None else f"from {least} to {most}", number)
+        limits = f"{least} or more" if most is None else f"from {least} to {most}"
+        raise _error(name, f"{most} or less" if least is None else limits, number)
     return number
 
 

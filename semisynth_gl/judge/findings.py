@@ -15,7 +15,8 @@ class Finding:
 
     Attributes:
         scene: the pair's name, with its split in a dataset of several splits; or ``dataset``.
-        check: name of the check; a check of one array is named after the array's channel.
+        check: name of the check, such as ``files``. The comparison with rays is named ``oracle``; any other check of
+            one array is named after the array's channel.
         message: the fault, on one line.
     """
 

@@ -1,4 +1,4 @@
-"""Resizes the luminance and disparity of views to one working width, so that views of all sizes can be compared."""
+"""Resizes the luminance and disparity of views to one width, the working width; then all views are comparable."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,10 @@
-"""Measures of views, by which a dataset is compared with its place, and the config's keys that change each measure.
+"""Measures of views, such as the share of depth jumps, and the config's keys that change each measure.
 
-The report names the keys if a dataset is far from its place. `calibrate` chooses recipes and textures by the measures.
-The arrays ``surfaces``, ``disparity`` and ``luminance`` are those of a `MeasureInput`.
+A dataset is compared with photographs and disparity maps of the place where the network will work. The report names the
+keys if a measure differs much. `calibrate` chooses recipes and textures by the measures.
+
+The functions measure one array of a `MeasureInput`: ``disparity``, nan where unknown; ``surfaces``, the disparity with
+its holes filled; or ``luminance``.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -27,12 +30,15 @@ Floats = NDArray[np.float32]
 
 
 def jumps(surfaces: Floats) -> float:
-    """Return the share of neighbours in a row between which the disparity jumps, %."""
+    """Return the share of horizontal neighbours between which the disparity jumps, %."""
     return 100 * float((np.abs(np.diff(surfaces)) > JUMP_PX).mean())
 
 
 def run_length(surfaces: Floats) -> float:
-    """Return the mean length, px, of the runs between two jumps in a row; a run's weight is its length."""
+    """Return the mean length, px, of the runs of pixels of an image row between neighbouring jumps.
+
+    A run's weight is its length.
+    """
     ends = np.pad(np.abs(np.diff(surfaces)) > JUMP_PX, ((0, 0), (0, 1)), constant_values=True)
     lengths = np.diff(np.flatnonzero(ends), prepend=-1)
     return float(np.average(lengths, weights=lengths))
@@ -42,7 +48,7 @@ def hidden(disparity: Floats) -> NDArray[np.bool_]:
     """Return which pixels of a left view the right view cannot show, (H, W) bool, given only the left disparity.
 
     A pixel is hidden if a nearer pixel maps to the same pixel of the right view, or if its point is outside the right
-    image. A pixel without a disparity is not hidden. Masks of a dataset are not used, since a place's maps have none.
+    image. A pixel without a disparity is not hidden. Masks of a dataset are not used, since maps of a place have none.
     """
     height, width = disparity.shape
     known = np.isfinite(disparity)
@@ -126,7 +132,8 @@ class Measure:
         value: computes the value from this array; returns nan if the array does not determine it.
         moves: keys of the config that change the measure, the most effective first. The number is 1 if a larger key
             raises the measure, -1 if it lowers the measure.
-        fine: whether the measure depends on the finest detail, which images narrower than the working width lack.
+        fine: whether the measure depends on the finest detail, which images narrower than the working width lack;
+            all views are resized to this width.
     """
 
     key: str

@@ -24,8 +24,8 @@ class ReferenceMeasures:
     """The measures of a place, as a reference for a dataset.
 
     Attributes:
-        values: the measures by key: those of images from the photographs, as means over each subject; the others from
-            the disparity maps.
+        values: the measures by key. Measures of images come from the photographs, averaged over the photographs of each
+            subject, which show the same thing. Other measures come from the disparity maps.
         summary: numbers of photographs, subjects and maps, as text.
         notes: sentences on photographs and maps that were not used, or only in part.
     """
@@ -68,10 +68,10 @@ def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np
 def measure_place(
     photographs: Sequence[Path], maps: Sequence[Path], width_px: int, png_scale: float = KITTI_DISPARITY.steps
 ) -> ReferenceMeasures:
-    """Measure a place's photographs and its disparity maps, true or predicted, at the working width ``width_px``.
+    """Measure a place's photographs and its disparity maps, true or predicted.
 
-    A PNG map has ``png_scale`` levels per pixel of disparity. Raises InputError if no photograph can be read, and
-    ReadError if a map cannot be read.
+    All are resized to the working width ``width_px``. A PNG map has ``png_scale`` levels per pixel of disparity. Raises
+    InputError if no photograph can be read, and ReadError if a map cannot be read.
     """
     notes, subjects = list[str](), list[dict[str, float]]()
     measured = narrow = 0
@@ -89,7 +89,7 @@ def measure_place(
             measured += len(pictures)
             subjects.append({key: float(values.mean()) for key, values in gather(pictures).items() if values.size})
     if not subjects:
-        raise InputError(f"no photograph of the place can be read: {'; '.join(notes[:1])}")
+        raise InputError("; ".join(("no photograph of the place can be read", *notes[:1])))
     mapped = [make_measure_input(width_px, disparity=read_map(path, png_scale)) for path in maps]
     if narrow:
         notes.append(f"{counted(narrow, 'photograph')} narrower than {width_px} px, not used for detail")

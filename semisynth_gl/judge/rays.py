@@ -19,7 +19,7 @@ Values = NDArray[np.float64]
 
 # Maximum errors at a pixel's centre, which docs/verify.md lists: px, radians for normals, mask levels for the sky.
 _ERRORS = {"disparity": 1e-3, "normals": radians(0.01), "sky": 0.0}
-# Maximum error of all other channels, which are vectors: px, plus a share of the vector's length.
+# All other channels are vectors; their maximum error is a number of px plus a share of the vector's length.
 _VECTOR_PX, _VECTOR_SHARE = 1e-3, 1e-5
 # This share of the normals may be wrong: rays miss some triangles seen edge-on, and hit their neighbours.
 _NORMALS_SHARE = 0.005
@@ -28,7 +28,7 @@ _NORMALS_SHARE = 0.005
 _EDGE_PX = 1 / 32
 _STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
 _AROUND_X, _AROUND_Y = (steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
-# For each motion: the number of frames to its target, and the channels that are checked by it.
+# For each motion: the number of frames to its target moment, and the channels that it checks.
 _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("flow_backward",))}
 # Unit of a channel's largest error in the results, and factor to this unit; all other channels have px.
 _UNITS = {"normals": ("deg", degrees(1)), "sky": ("levels", 1.0)}
@@ -54,7 +54,10 @@ def check_rays(frame: StoredFrame, scenes: RebuiltScenes, pixels: int, results: 
 
 
 class _RayCheck:
-    """Compares one view of a pair with rays through its rebuilt scene, and its flow with the ``motions`` of hits."""
+    """Compares one view of a pair with rays through its rebuilt scene.
+
+    Flow is compared with the paths of the points that the rays hit; ``motions`` move these points.
+    """
 
     def __init__(
         self, frame: StoredFrame, eye: Eye, scene: Scene, scenes: RebuiltScenes, motions: Mapping[str, SceneMotion]
@@ -75,8 +78,8 @@ class _RayCheck:
                 differences = np.where(values == rays[name], 0.0, np.abs(values - rays[name]))
             # The distance of two unit vectors is their small angle in radians; the cosine would round to 1.
             error = np.linalg.norm(differences, axis=1) if name == "normals" else differences.max(axis=1)
-            # Pixels in a border that the lens leaves may lack a value. Any pixel may lack a disparity change, since its
-            # point may be in the border at the next frame.
+            # Rectification leaves a border that the sensor did not see: pixels there may lack a value. Any pixel may
+            # lack a disparity change, since its point may be in the border at the next frame.
             may_lack = border | (name == "disparity_change" and not self.frame.border_disparity)
             lacks = may_lack & np.isposinf(values).all(axis=1)
             wrong[name] = ~lacks & ~(error <= bounds[name])

@@ -1,6 +1,6 @@
-"""The flow pass: where one eye sees its points at a target moment, and whether they are visible then.
+"""The flow pass: for each pixel of one eye, where that eye sees the same surface point at a target moment.
 
-The target moment is the next or the previous frame.
+It also finds whether the point is visible then. The target moment is the next or the previous frame.
 """
 
 from dataclasses import replace
@@ -46,7 +46,8 @@ def compose_moves(transforms: InstanceTransforms, motion: SceneMotion) -> NDArra
     moves = np.zeros(len(now), MOVE)
     change = _change(transforms.view_from_model[:, :3, :3], view_from_model[:, :3, :3])
     if now.sky.any():
-        # Points of the sky are directions from the eye, so the whole 3 x 4 matrix maps them.
+        # flow.comp takes points of the sky as infinitely far away, and ignores their centre and shift. So C alone must
+        # map them, with the translation of the 3 x 4 matrices.
         change[now.sky] = _change(transforms.view_from_model[now.sky, :3], view_from_model[now.sky, :3])
     centre = transforms.view_from_model[:, :3, 3]
     moves["change_and_shift"][:, :, :3] = np.clip(change, -_LARGEST_CHANGE, _LARGEST_CHANGE)
@@ -65,7 +66,7 @@ def _change(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[
 
 
 class FlowPass:
-    """Draws depth and surfaces of the target moment, and computes flow from these and the pair's; see flow.comp."""
+    """Draws depth and surfaces at the target moment; flow.comp computes flow from these and those of the pair."""
 
     def __init__(self, resources: RenderResources) -> None:
         self._resources, context = resources, resources.context

@@ -29,7 +29,7 @@ _QUANTILES = (np.arange(64) + 0.5) / 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParticleSlots:
-    """S streams of falling models."""
+    """The S slots of a sequence, which are streams of falling models."""
 
     depth_m: Floats  # (S,) planar depth of the path's middle
     disparity_px: Floats  # (S,) disparity of the path's middle
@@ -57,7 +57,7 @@ class ParticleSlots:
         return shown
 
     def generation(self, time_s: float) -> Ints:
-        """Return the generation that each slot shows at a time, (S,); negative for models released before time 0."""
+        """Return the generation that each slot shows at a time, (S,): 0 at time 0; earlier ones are negative."""
         generation = np.floor(time_s / self.period_s + self.phase).astype(np.int64)
         generation[list(self.resting)] = 0
         return generation
@@ -140,7 +140,10 @@ def _mean_secant(camera: StereoCamera) -> float:
 
 
 def _release_width_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floats) -> Floats:
-    """Return the width, px of the left image, of the region in which particles fall: both views and a radius aside."""
+    """Return the width, px of the left image, of the region in which particles fall.
+
+    It spans both views, and one radius on each side.
+    """
     return camera.width_px + np.abs(disparity_px) + 2 * radius_px
 
 

@@ -152,7 +152,8 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     """Return the depth of the near plane, at which the largest disparity of the image is ``max_px``.
 
     For a right camera that deviates, the plane is far enough away for its rectified twin, too. Raises InputError where
-    the deviation alone causes disparities of ``max_px`` or more. `Config` checks that ``min_px`` + doffs is positive.
+    the deviation alone causes disparities of ``max_px`` + doffs or more. `Config` checks that ``min_px`` + doffs is
+    positive.
     """
     depth_m = plane_m = float(camera.depth_m(section.max_px))
     for _ in range(0 if camera.rectified else _STEPS):

@@ -25,7 +25,7 @@ from semisynth_gl.textures.atlas import Patch
 
 # Separates a generation's number from an attempt's number in the keys of random generators; no generation has it.
 _REDONE = 2**31
-# First key of the generations released before time 0; no later generation has such a key.
+# The keys of negative generations lie above this, those of the other generations below.
 _BEFORE = 2**30
 
 

@@ -22,8 +22,8 @@ class Split:
     Attributes:
         dataset_seed: the dataset's seed, the same for all its splits.
         name: name of the split.
-        held_out: share of the photographs' subjects that is held out for ``validation`` and for ``test``; a split that
-            the dataset does not have is left out.
+        held_out: share of the photographs' subjects that is held out for ``validation`` and for ``test``, unless the
+            dataset lacks that split. Photographs of one subject show the same thing.
         models: whether models are held out too, by the same shares.
     """
 

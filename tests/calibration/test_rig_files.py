@@ -581,7 +581,7 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
     chain = kalibr()
     chain["cam2"] = chain["cam1"] | {"T_cn_cnm1": pose.tolist(), "intrinsics": [500, 500, 320, 240]}
     (path,) = write(tmp_path, {"chain.yaml": chain})
-    with pytest.raises(ReadError, match=r"3 cameras .*choose two, --pair"):
+    with pytest.raises(ReadError, match=r"3 cameras .*choose two with --pair"):
         read_rig([path])
     check(read_rig([path], cameras=("cam0", "cam1")), lens=FOUR)
     rig = read_rig([path], cameras=("cam1", "cam2"))

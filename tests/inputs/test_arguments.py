@@ -24,6 +24,7 @@ from semisynth_gl import (
     render_pair,
     score,
 )
+from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.render.context import GraphicsContext
 
@@ -144,3 +145,8 @@ def test_a_forked_child_is_told_not_to_draw_with_its_parents_renderer(open_rende
         os._exit(5)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
     renderer.render(SCENE)
+
+
+def test_a_message_names_only_the_limit_that_exists():
+    with pytest.raises(InputError, match="number: must be 3 or less, got 4"):
+        to_whole("number", 4, most=3)
