@@ -17,7 +17,7 @@ class Listener:
         """Called before the first pair, with the number of pairs that will follow."""
 
     def on_pair(self) -> None:
-        """Called when a pair is on disk, or has been measured."""
+        """Called when a pair is finished: written to disk, rendered for a preview, checked, or measured."""
 
     def on_stage(self, stage: str) -> None:
         """Called when a stage of `PAIR_STAGES` has ended, if the listener is a `PairRenderer`'s."""

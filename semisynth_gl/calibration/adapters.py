@@ -33,12 +33,13 @@ _BASALT_POSE = ("px", "py", "pz", "qx", "qy", "qz", "qw")
 class CalibrationTree(NamedTuple):
     """Renamed values of a calibration.
 
-    The name of a pose (4, 4) from frame b to frame a is ("pose", a, b); a frame is a camera's number or any other name.
+    ("pose", a, b) is the matrix (4, 4) that maps points in coordinate frame b to coordinate frame a. The name of a
+    coordinate frame is a camera's number or any other text.
     """
 
     tree: Tree
     cameras: tuple[str, str] | None = None
-    """The left and the right camera; None if the file has only two."""
+    """Names of the left and the right camera. None if `find_stereo_arrays` can tell which of two cameras is left."""
     unit: str | None = "m"
     """Unit of lengths; None if the format does not fix it."""
 
@@ -100,7 +101,7 @@ def depthai(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
         for name, key in {"K": "intrinsicMatrix", "width": "width", "height": "height"}.items():
             made[socket, name] = _array(tree, *values, key)
         made |= {(socket, "D"): _array(tree, *values, "distortionCoeff")[:count], (socket, "model"): model}
-        # The last camera of the chain has toCameraSocket -1, and an empty rotation or only zeros.
+        # The last camera of the chain has toCameraSocket -1, and its rotation is empty or all zeros.
         turn = _array(tree, *values, "extrinsics", "rotationMatrix")
         if turn.size == 9 and is_rotation(turn.reshape(3, 3)):
             there = int(_number(tree, *values, "extrinsics", "toCameraSocket", missing=-1))
@@ -113,10 +114,11 @@ def depthai(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
 
 
 def kitti(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
-    """Read KITTI's rectified colour cameras, or else the grey ones. Rectified images show a part of the raw ones."""
+    """Read KITTI's rectified colour cameras, or the rectified grey cameras if there are no colour cameras."""
     names = {name[-1] for name in tree}
     for pair in (("2", "3"), ("0", "1")):
         if {f"P_rect_0{number}" for number in pair} <= names:
+            # Without the raw cameras: their image size, S_00, differs from that of rectified images, S_rect_00.
             return CalibrationTree({name: value for name, value in tree.items() if "_rect_" in name[-1]}, pair)
         if {f"P{number}" for number in pair} <= names:
             return CalibrationTree(tree, pair)
@@ -152,7 +154,10 @@ def basalt(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
 
 
 def stella(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
-    """Read Stella's and OpenVSLAM's YAML: Camera is both rectified cameras, StereoRectifier the raw ones."""
+    """Read Stella's and OpenVSLAM's YAML.
+
+    The section Camera describes both rectified cameras, and StereoRectifier the raw ones.
+    """
     if ("StereoRectifier", "K_left") not in tree:
         return None
     fx, fy, cx, cy, product = (_number(tree, "Camera", key) for key in ("fx", "fy", "cx", "cy", "focal_x_baseline"))
@@ -163,9 +168,10 @@ def stella(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
 
 
 def matlab(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
-    """Read MATLAB's stereoParameters: what toStruct returns, or single fields as in IntrinsicMatrix1.
+    """Read MATLAB's stereoParameters: the struct that toStruct returns, or its fields saved one by one.
 
-    Matrices are for row vectors, and sizes have the height first.
+    A field that is saved by itself has the camera's number at the end, as in IntrinsicMatrix1. Matrices are for row
+    vectors, and sizes have the height first.
     """
     if ("RotationOfCamera2",) not in tree:
         return None
@@ -186,7 +192,7 @@ def matlab(tree: Tree, _size: ImageSize | None) -> CalibrationTree | None:
 
 Adapter = Callable[[Tree, ImageSize | None], CalibrationTree | None]
 ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti, kalibr, basalt, stella, matlab)
-"""Each returns None for other formats. The size is None unless the user gave one or the photographs have one."""
+"""Each returns None for other formats. The size is the user's, else that of the photographs, else None."""
 
 
 def _mode_of_size(sizes: Mapping[str, ImageSize], size: ImageSize | None) -> str:

@@ -44,7 +44,7 @@ def doctor() -> None:
     if not egl_devices():
         click.echo("  none")
     if _NVIDIA_CONTROL.exists() and all(device.cuda is None for device in egl_devices()):
-        click.echo("  NVIDIA's GPU is not among them: the manual's page Install, GPU, lists what EGL needs for it")
+        click.echo("  the NVIDIA GPU is not among them; see 'GPU' on the manual's page 'Install'")
     backends: tuple[Backend, ...] = ("egl", "osmesa")
     working = [backend for backend in backends if _try(backend)]
     if not working:
@@ -78,4 +78,4 @@ def _opencv_version() -> str:
     try:
         return str(open_opencv("the section lens").__version__)
     except InputError:
-        return "not installed: the section lens needs it, and calibrate for lenses"
+        return "not installed: needed by the config's section lens, and by calibrate for cameras that are not rectified"

@@ -78,7 +78,11 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
     default=0.0,
     help="Number of GPUs for each Ray task; with a fraction, several tasks share a GPU.",
 )
-@option("--shard-pairs", type=COUNT, help="Number of pairs in a shard.  [default: 64, or fewer in a small dataset]")
+@option(
+    "--shard-pairs",
+    type=COUNT,
+    help="Number of pairs in a shard.  [default: 64, or fewer in a small dataset; rounded up to whole sequences]",
+)
 @option(
     "--shards",
     callback=_range,

@@ -41,7 +41,7 @@ def preview(
     out: Path,
     patches: bool,
     pairs: int | None,
-    **scene: Any,  # noqa: ANN401 - of `scene_config`
+    **scene: Any,  # noqa: ANN401 - options of `scene_config`
 ) -> None:
     """Render a few pairs as a contact sheet.
 
@@ -80,7 +80,7 @@ def preview(
             seen = f"shown as {'pair' if len(sampled) == 1 else 'pairs'} {numbers}" if sampled else "not shown"
             lines.append(f"{recipe.name}, {recipe.share:.0%} of the scenes: {seen}")
     lines.append(
-        f"expected distance of many pairs' disparities from the target: total variation "
+        f"expected distance of a large dataset's disparities from the target: total variation "
         f"{total_variation(expected, target):.3f}, Wasserstein-1 {wasserstein_px(target, expected):.2g} px"
     )
     plot_sheet(frames, target, title, names, weights).savefig(out)

@@ -32,7 +32,7 @@ from semisynth_gl.inputs.errors import counted
     help="Number of pairs to show, evenly spread over the dataset; outliers are added.",
 )
 @option("--sample", type=COUNT, default=200, help="Number of pairs to measure, evenly spread over the dataset.")
-def report(directory: str, out: Path | None, json_file: Path | None, **options: Any) -> None:  # noqa: ANN401 - of the function that reports
+def report(directory: str, out: Path | None, json_file: Path | None, **options: Any) -> None:  # noqa: ANN401 - options of `judge.report.report`
     """Write an HTML page about a dataset.
 
     It shows pairs, distributions, outliers, and the settings that made the dataset. With --images and --disparity, the
@@ -54,7 +54,7 @@ def report(directory: str, out: Path | None, json_file: Path | None, **options: 
     measured = counted(len(built.pairs), "pair")
     beside = "" if built.place is None else f" beside {built.place.summary}"
     click.echo(f"{measured}{beside}, at a width of {built.width_px} px\n")
-    # The summary has the advice, the last column.
+    # Leave out the last column, the advice: the summary shows it.
     columns = len(comparison.HEAD) - 1
     for line in (*table(row[:columns] for row in comparison.table(built.rows)), "", *comparison.summary(built.rows)):
         click.echo(line)

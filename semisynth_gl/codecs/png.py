@@ -100,8 +100,9 @@ def deflate(content: NDArray[np.uint8]) -> bytes:
     """Compress a contiguous array's bytes as a zlib stream, whose bytes do not depend on addresses in memory.
 
     After the first byte of a stream, ISA-L 2.32 reads the hash of the third byte from a register that holds the
-    stream's address, so the address decides whether a match is found. To avoid this, the first call compresses only the
-    first byte, and the second call sets all registers anew. Content too short for that is stored uncompressed.
+    stream's address, so the address decides whether a match is found. To avoid this, the first call gets one byte more
+    than ISA-L buffers, and so compresses only one byte; the second call sets all registers anew. Shorter content is
+    stored uncompressed.
     """
     flat = content.reshape(-1)
     if len(flat) <= _AHEAD:

@@ -56,8 +56,8 @@ _SCENES = 200
 RECIPE_KEYS = ("recipe", "extends", "weight")
 """The keys of a recipe that are not sections."""
 
-# The sections that a recipe may change, and their keys that it may not change: all pairs of a dataset have the same
-# cameras' format, atlas of patches, models and limits of disparity.
+# The sections that a recipe may change, each with the keys that it may not change. All pairs of a dataset share these
+# keys, which set the images' format, the baselines, the atlas of patches, the models and the limits of disparity.
 _FIXED: Mapping[str, Collection[str]] = {
     "camera": {"width_px", "height_px", "fy_over_fx", "baselines", "colour"},
     "disparity": DisparitySection.model_fields.keys() - {"target"},
@@ -164,7 +164,7 @@ class RecipeSection(ConfigSection):
 
 
 def _recipe_values(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
-    """Return the values of a `RecipeSection` for a recipe in YAML and the values of its config."""
+    """Return a `RecipeSection`'s values, made from a recipe in YAML and ``base``, the values of its config."""
     if not isinstance(recipe, dict):
         return recipe
     head = {key: recipe[key] for key in RECIPE_KEYS if key in recipe}
@@ -256,8 +256,8 @@ class Config(ConfigSection):
             return
         masked = [name for name in self.outputs if name in ("visibility", "flow", "flow_backward")]
         if "valid" not in outputs and (masked or not lens.border_disparity):
-            name = masked[0] if masked else "disparity"
-            text = f"{name} has no values where sensors see nothing: add valid to outputs, which marks these pixels"
+            fault = f"{masked[0]} marks points as hidden" if lens.border_disparity else "disparity has no values"
+            text = f"{fault} in borders, where the sensor saw nothing: add valid to outputs, which marks the borders"
             raise ConfigError(text, ("lens", "outputs"))
         if not lens.border_disparity and "disparity_change" in outputs and "flow" not in outputs:
             text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
@@ -359,7 +359,7 @@ class Config(ConfigSection):
         return Histogram.from_counts(edges, sum(shares))
 
     def used_plugins(self) -> dict[KeyPath, tuple[Group, str]]:
-        """Return the group and name of each plug-in that the config uses, by the key that names it."""
+        """Return the group and name of each plug-in that the config uses, except layouts, by the key that names it."""
         used: dict[KeyPath, tuple[Group, str]] = {}
         if self.textures.source not in BUILT_IN["textures"]:
             used["textures", "source"] = ("textures", self.textures.source)

@@ -19,8 +19,10 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 # Shards are small, since a run that is killed loses its unfinished shards.
 _MOST_SHARD_PAIRS = 64
-_SHARD_PIXELS = 86_000_000  # of the left images: the shard's files have about 1 GB
-_FEWEST_SHARDS = 8  # if there are as many pairs, for several workers
+# Maximum number of pixels of a shard's left images; the shard's files then have about 1 GB.
+_SHARD_PIXELS = 86_000_000
+# Number of shards to aim for in the largest split, so that several workers have work.
+_FEWEST_SHARDS = 8
 # From this number of pairs on, single files are slower than tars on most file systems.
 _MANY_PAIRS = 10_000
 _ABSENT = object()
@@ -36,7 +38,8 @@ def make_plan(
         seed: 0 or more.
         layout_name: by default the config's, else ``middlebury``, and ``webdataset`` from 10,000 pairs on.
         pairs: number of pairs of each split, which may be 0.
-        shard_pairs: pairs in a shard; by default 64, and fewer in small datasets or of large images.
+        shard_pairs: pairs in a shard; by default 64, or fewer in small datasets or with large images, rounded up to
+            whole sequences.
 
     Raises:
         InputError: where a number is out of range, there is no such layout, or the layout cannot hold the config's

@@ -107,7 +107,7 @@ class ViewArrays(Mapping[str, NDArray[Any]]):
     )
     correspondence = Channel(
         _FLOAT32,
-        "way from the {view} view's pixels to the same points in the {other} view, right and down",
+        "vector from the {view} view's pixels to the same points in the {other} view, px to the right and px down",
         2,
         fill=inf,
     )

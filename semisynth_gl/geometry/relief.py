@@ -21,7 +21,7 @@ _QUANTILES = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeanModelRelief:
-    """The mean relief over models, directions and scales.
+    """Statistics of models' silhouettes and heights: means over models, directions and scales.
 
     The unit of length is the radius of a model's bounding sphere before the model is stretched.
 
@@ -77,7 +77,8 @@ def _visible_heights(mesh: Mesh, axes: Floats) -> Floats:
     """Project a mesh orthographically to a height map, and return the heights of the cells that it covers, (N,).
 
     The columns of ``axes``, (3, 3), are the map's x and y and the direction towards the viewer, in the model's frame.
-    Scaled rows stretch the model along its axes. The map spans the bounding sphere, whose radius is 1.
+    If row k is multiplied by a factor, the model is stretched by it along its axis k. The map spans the bounding
+    sphere, whose radius is 1.
     """
     points = mesh.positions.astype(np.float64) / mesh.radius @ axes
     x, y = ((points[:, axis] + 1) / 2 * _CELLS - 0.5 for axis in (0, 1))

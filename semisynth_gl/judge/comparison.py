@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.judge.measures import MEASURES, Measure, advice
 
-# Minimum number of a place's pictures for a comparison. With four pictures, a quarter of the measures of a dataset that
-# is like its place are more than one standard deviation apart by chance; with eleven pictures, one in thirty.
+# Minimum number of a place's pictures for a comparison. Even if a dataset is like its place, ``distance`` exceeds 1 by
+# chance: for a quarter of the measures with four pictures, for one measure in thirty with eleven.
 MIN_PICTURES = 4
 # Minimum distance of an outlier from the median, in standard deviations.
 _OUTLIER_DEVIATIONS = 3.0

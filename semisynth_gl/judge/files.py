@@ -43,7 +43,7 @@ def check_index(index: StoredIndex, results: CheckResults) -> None:
     for name, expected in plan.lists.items():
         try:
             if read_whole(root, name) != expected:
-                results.add("files", f"{name} is not the list of the dataset's pairs in its layout")
+                results.add("files", f"{name} differs from the layout's list of the dataset's pairs")
         except ReadError as error:
             results.add("files", f"{name} {error.reason}")
 

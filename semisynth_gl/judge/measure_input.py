@@ -62,7 +62,8 @@ def make_measure_input(
         known = np.isfinite(values) & (signed | (values > 0))
         scaled = np.where(known, values * np.float32(width_px / width), np.float32(np.nan))
         if known.mean() >= DENSE:
-            # KITTI's value for rows without any disparity, -1, would cause jumps.
+            # `fill_holes` would set rows without any disparity to -1, and the jumps would be measured as edges. So copy
+            # the nearest row.
             rows = np.flatnonzero(known.any(axis=1))
             surfaces = fill_holes(scaled[rows[np.abs(rows[:, None] - np.arange(size[0])).argmin(axis=0)]])
     luminance = None if image is None else mean_luminance(image, size)
@@ -83,7 +84,7 @@ def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[n
 
 
 def _mean_parts(count: int, parts: int) -> NDArray[np.float32]:
-    """Return the matrix (``parts``, ``count``) float32 from the values of a row to the means over its equal parts."""
+    """Return the matrix (``parts``, ``count``), float32, that averages a row of values over equal intervals."""
     edges = np.linspace(0, count, parts + 1)
     element = np.arange(count)
     overlap = np.minimum(edges[1:, None], element + 1) - np.maximum(edges[:-1, None], element)

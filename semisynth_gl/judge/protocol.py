@@ -1,4 +1,4 @@
-"""How each benchmark's evaluator selects pixels, reads predictions and averages images, by the evaluators' source code.
+"""How each benchmark's evaluator selects pixels, reads predictions and averages images, according to its source code.
 
 `semisynth_gl.judge.score` has what all evaluators share: a pixel is bad if error > t, never >=.
 """

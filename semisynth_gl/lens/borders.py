@@ -20,8 +20,9 @@ _NEED_DISPARITY = ("disparity", "correspondence", "disparity_change", "visibilit
 def with_borders(
     frame: Frame, lenses: Mapping[Eye, EyeRectification], outputs: Collection[str], *, border_disparity: bool
 ) -> Frame:
-    """Return an uncropped frame in which no mask says that a point in a border is visible.
+    """Return the frame with masks in which no point in a border is visible.
 
+    The ``frame`` must not be cropped yet, since ``lenses`` describe whole images.
     Views with truth get the output ``valid`` if it is requested. Without ``border_disparity``, pixels in a border lose
     their disparity and all values that need one; other truth stays.
     """
@@ -32,7 +33,8 @@ def with_borders(
         changed: dict[str, NDArray[Any]] = {}
         for channel, mask in _MASKS.items():
             if mask in view:
-                # Files store only whether a point is visible, so points in borders become OCCLUDED.
+                # Not OUTSIDE: files have one value for OCCLUDED and OUTSIDE, and readers take it for OUTSIDE only where
+                # the point is outside the image.
                 limit = np.where(in_border(frame, eye, valid, channel), np.uint8(OCCLUDED), np.uint8(VISIBLE))
                 changed[mask] = np.minimum(view[mask], limit)
         if "valid" in outputs and "disparity" in view:
@@ -71,8 +73,8 @@ def valid_at(
 ) -> NDArray[np.bool_]:
     """Return whether the pixel nearest to the end of each pixel's vector is valid, (H, W) bool.
 
-    ``along`` and ``down`` are the vectors, (H, W) px. The result is True for vectors that end outside the image, where
-    masks are 0 anyway, or are not finite.
+    ``along`` and ``down`` are the vectors, (H, W) px. The result is True for vectors that are not finite, and for
+    vectors that end outside the image, where masks are 0 anyway.
     """
     height, width = valid.shape
     if valid.all():

@@ -31,8 +31,8 @@ INSTANCE = np.dtype(
         ("depth_m", np.float64),  # depth at which its texture has the sampled number of texels per pixel
         ("uv_low", np.float64, 2),  # lowest visible UV
         ("uv_high", np.float64, 2),  # highest visible UV
-        ("slot", np.int64),  # slot of a particle; -1 for a static instance
-        ("generation", np.int64),  # number of a particle in its slot; -1 for a static instance
+        ("slot", np.int64),  # slot of a particle; a slot shows one particle after the other; -1 if static
+        ("generation", np.int64),  # number of a particle among those of its slot, in order of time; -1 if static
         ("resting", np.bool_),  # whether it is a particle at rest
         ("patch", np.int64),  # number of its patch; a patch of video frames has an atlas layer per frame
         ("uv_scale", np.float64, 2),  # patches per UV unit

@@ -26,7 +26,7 @@ _SHALLOWEST_M = 0.3
 def sample_room(
     config: Config, rig: SequenceRig, catalogue: StaticModels, rng: np.random.Generator
 ) -> FloorSceneBuilder:
-    """Sample a furnished room; both views show all of it beyond the near plane."""
+    """Sample a furnished room; everything that a view shows of it is beyond the near plane."""
     section, background, camera = config.room, config.background, rig.camera
     wall_px = sample_wall_px(config, rng)
     wall_m = float(camera.depth_m(wall_px))

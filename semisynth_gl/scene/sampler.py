@@ -84,7 +84,8 @@ class SequenceSampler:
         config = sampler.config
         self.static = static = sample_static_scene(config, sampler.catalogue, self._generator)
         rig, rng = static.rig, self._generator(Purpose.PARTICLES, 0)
-        # A repeated attempt takes the quantiles of another sequence, whose number no dataset reaches.
+        # The sequence's number determines the numbers of particles; see step 5 of the solver. A repeated attempt uses a
+        # number that no dataset reaches, so that they differ.
         batches = sampler.disparity_solver.sample(number + _REDONE * attempt, rig.camera, static.bare_px, rng)
         self.slots = sample_slots(rig, config.particles, batches, rng)
         section = config.projector
@@ -270,7 +271,8 @@ class SampledScene:
             {
                 "model": models[row["model"]].name,
                 "patch": int(row["patch"]),
-                # True for surface models: walls, grounds, panels, and boxes such as pillars, rugs and houses.
+                # True for surface models: walls, grounds, panels, and boxes such as pillars, rugs and houses. False for
+                # all other models, even for furniture, which does not move either.
                 "still": bool(row["model"] < len(SURFACE_MODELS)),
                 **({"resting": True} if row["resting"] else {}),
                 **({"sky": True} if row["sky"] else {}),

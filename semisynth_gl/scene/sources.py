@@ -19,8 +19,8 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
 
-# Before values are hashed, they are rounded to these steps: lengths in radii of a model, shares and chances to _LENGTH,
-# and mean levels of pixels to _LEVELS.
+# Before values are hashed, they are rounded to these steps: _LENGTH for lengths (in radii of a model), shares and
+# chances; _LEVELS for mean levels of pixels.
 _LENGTH = 1e-5
 _LEVELS = 0.5
 
@@ -30,7 +30,7 @@ class SceneSources:
     """The patches and the models of a split's pairs, and a projector's pattern."""
 
     atlas: Atlas  # in grey if the config's cameras are monochrome
-    libraries: tuple[ModelLibrary, ...]  # the models of each recipe, all with the same `models`; at least one
+    libraries: tuple[ModelLibrary, ...]  # one per recipe; they share `models`, but differ in chances and relief
     photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty if all patches are procedural
     pattern: NDArray[np.uint8] | None = None  # (H, W), of the projector
     pattern_is_read: bool = False  # whether the pattern comes from a file; a painted pattern needs no checksum
@@ -54,8 +54,8 @@ class SceneSources:
     def digests(self) -> dict[str, str]:
         """Return the checksums "patches" and "models", and "pattern" if the pattern comes from a file, hexadecimal.
 
-        Processors differ in the last bits of sines and of matrix products. Rounding makes the checksums equal: lengths
-        are rounded to 1e-5 of a model's radius, and the means of pixels over sixteenths of a patch to half levels.
+        Processors differ in the last bits of sines and of matrix products. Rounded values rarely differ: lengths are
+        rounded to 1e-5 of a model's radius, and the means of pixels over sixteenths of a patch to half levels.
         """
         patches = models = 0
         for patch in self.atlas.patches:
@@ -80,7 +80,7 @@ class SceneSources:
 
 
 def _rounded(values: NDArray[Any], step: float) -> Ints:
-    """Round values to whole steps, so that values that differ only in their last bits become equal."""
+    """Round values to whole steps, so that values that differ only in their last bits are likely to become equal."""
     # The shift keeps frequent values, such as 0 and round numbers, away from the ends of steps.
     return np.floor(np.ascontiguousarray(values, np.float64) / step + 0.317).astype(np.int64)
 

@@ -39,7 +39,7 @@ _Span = tuple[float, float]
 def sample_street(
     config: Config, rig: SequenceRig, catalogue: StaticModels, rng: np.random.Generator, *, sky: bool = False
 ) -> FloorSceneBuilder:
-    """Sample a street; both views show all of it beyond the near plane.
+    """Sample a street; everything that a view shows of it is beyond the near plane.
 
     The first thing is the backdrop: the sky if ``sky`` is set, else a far plane. Raises InputError as `sample_plane`
     does.

@@ -89,8 +89,9 @@ def fractal(
 ) -> Field:
     """Return noise (H, W) with a mean of about 0 and a standard deviation of about 1.
 
-    The heights of its largest and smallest blobs are powers of two; blobs are ``stretch`` times as wide as high. Each
-    octave has ``persistence`` times the contrast of the next coarser octave; in photographs, this is about 1.
+    ``coarsest_px`` and ``finest_px``, the heights of its largest and smallest blobs, must be powers of two. Blobs are
+    ``stretch`` times as wide as high. Each octave has ``persistence`` times the contrast of the next coarser octave; in
+    photographs, this is about 1.
     """
     high, wide = shape[0], -(-shape[1] // stretch)
     cell, amplitude = coarsest_px, 1.0
@@ -129,7 +130,7 @@ def direction(down: Field, right: Field) -> Field:
 
 
 class PatternTiles(NamedTuple):
-    """For each pixel, (H, W): its tile's number, approximate distance to the tile's border, offset from its centre."""
+    """For each pixel, (H, W): its tile's number, approximate distance to its border, offset from its centre."""
 
     number: NDArray[np.int64]
     border: Field
@@ -137,7 +138,7 @@ class PatternTiles(NamedTuple):
     right: Field
 
     def uniform(self, rng: np.random.Generator, low: float, high: float) -> Field:
-        """Sample a number between two for each tile, and return it for each pixel, (H, W)."""
+        """Sample a number from ``low`` to ``high`` for each tile, and return it for each pixel, (H, W)."""
         return rng.uniform(low, high, _TILES).astype(np.float32)[self.number]
 
     def one_of(self, rng: np.random.Generator, values: ArrayLike) -> Field:
@@ -148,7 +149,7 @@ class PatternTiles(NamedTuple):
 def bond(high: float, wide: float, sway: Field | float = 0.0, shift: float = 0.0) -> PatternTiles:
     """Arrange tiles of one size in rows, like bricks; ``shift`` moves every second row by that part of a tile.
 
-    ``sway`` moves each pixel, px: with noise, borders are uneven.
+    ``sway``, px, moves each pixel along both axes; noise makes the borders uneven.
     """
     y, x = grid()
     row = np.floor((y + sway) / high)
@@ -184,7 +185,7 @@ def step(field: NDArray[Any], width: float = 1.0) -> Field:
 
 
 def toned(field: NDArray[Any], colours: ArrayLike) -> Field:
-    """Colour a field (H, W): values from -2 to 2 map to the range of colours, (N, 3), in their order; (H, W, 3)."""
+    """Return the colours (H, W, 3) of a field (H, W): values from -2 to 2 run through ``colours``, (N, 3), in order."""
     stops = np.asarray(colours, np.float64)
     at = np.linspace(0, len(stops) - 1, 1024)
     table = np.stack([np.interp(at, np.arange(len(stops)), stops[:, channel]) for channel in range(3)], axis=1)
@@ -193,7 +194,10 @@ def toned(field: NDArray[Any], colours: ArrayLike) -> Field:
 
 
 def mixed(below: ArrayLike, above: ArrayLike, mask: NDArray[Any]) -> Field:
-    """Blend pixels or a colour over pixels or a colour by a mask (H, W), where 1 shows ``above``; (H, W, 3)."""
+    """Blend ``above`` over ``below`` by a mask (H, W), where 1 shows ``above``; return pixels (H, W, 3).
+
+    ``above`` and ``below`` are pixels (H, W, 3), or one colour (3,).
+    """
     low, high = np.asarray(below, np.float32), np.asarray(above, np.float32)
     return np.asarray(low + (high - low) * mask[..., np.newaxis], np.float32)
 

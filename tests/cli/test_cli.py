@@ -74,7 +74,7 @@ def test_doctor_tells_where_egl_does_not_list_an_nvidia_gpu(program, monkeypatch
     monkeypatch.setattr("semisynth_gl.cli.doctor._NVIDIA_CONTROL", tmp_path)
     monkeypatch.setattr("semisynth_gl.cli.doctor._try", lambda _: True)
     monkeypatch.setattr("semisynth_gl.render.devices.egl_devices", lambda: [EglDevice(0, software=False, cuda=cuda)])
-    assert ("NVIDIA's GPU is not among them" in program("doctor").out) == (cuda is None)
+    assert ("the NVIDIA GPU is not among them" in program("doctor").out) == (cuda is None)
 
 
 @pytest.mark.parametrize(

@@ -227,7 +227,7 @@ def test_files_and_lists_that_mislead_are_found(dataset):
     number = 2 + len(list(scene.iterdir())) - 1
     assert foreign.message.startswith(f"{number} files that the index does not list")
     assert foreign.message.endswith(f"{ONE}/disp0other.pfm")
-    assert listed.message.startswith("MiddEval3/official_train.txt is not the list")
+    assert listed.message.startswith("MiddEval3/official_train.txt differs from the layout's list")
 
 
 def test_images_of_another_kind_or_size_are_found(dataset):

@@ -157,14 +157,14 @@ def test_truth_is_that_without_a_lens_and_masks_leave_out_what_the_sensor_did_no
     [
         ({"lens": {**LENS, "left": EYE | {"distortion": [0, 0, 0]}}}, "radial-tangential has 4 or 5 or 8 or 12"),
         ({"lens": LENS | {"border": "crop"}}, "'black' or 'replicate'"),
-        ({"lens": LENS, "outputs": ["visibility"]}, "visibility has no values .* add valid to outputs"),
-        ({"lens": LENS, "outputs": ["flow"]}, "flow has no values .* add valid to outputs"),
-        ({"lens": LENS, "outputs": ["flow_backward"]}, "flow_backward has no values .* add valid to outputs"),
+        ({"lens": LENS, "outputs": ["visibility"]}, "visibility marks points as hidden .* add valid to outputs"),
+        ({"lens": LENS, "outputs": ["flow"]}, "flow marks points as hidden .* add valid to outputs"),
+        ({"lens": LENS, "outputs": ["flow_backward"]}, "flow_backward marks points as hidden .* add valid to outputs"),
         (
             {"lens": LENS | {"border_disparity": False}, "outputs": ["valid", "disparity_change"]},
             "missing where flow leads into a border: add flow to outputs",
         ),
-        ({"lens": LENS | {"border_disparity": False}, "outputs": ["depth"]}, "add valid to outputs"),
+        ({"lens": LENS | {"border_disparity": False}, "outputs": ["depth"]}, "disparity has no .* add valid to"),
         *(({"outputs": [name]}, f"the output {name} needs the section lens") for name in ("valid", "raw", "raw_map")),
     ],
 )
