@@ -21,7 +21,8 @@ Cameras are "left", "right", numbers, and "" for arrays whose names state no cam
 
 - K (3, 3), P (3, 4), Q (4, 4), R (3, 3) as in OpenCV, and R_rect for an R whose name says that it rectifies,
 - T (3,), a translation; D (N,), coefficients of a lens in OpenCV's order; size (2,), width and height of images,
-- fx, width, k1 and others (1,): the single numbers in `_NUMBERS`.
+- fx, width, k1 and others (1,): the single numbers in `_NUMBERS`,
+- fisheye (N,): the D of numbers k1 to k4, or k2 to k5, without p1 and p2.
 """
 
 ArrayPair = tuple[Array, Array]
@@ -31,7 +32,7 @@ ArrayPair = tuple[Array, Array]
 _KEYS = {
     "T": r"t|tvec|trns|trans(lation(vec(tor)?)?)?",
     "R": r"r|om|rvec|rot(ation(vec(tor)?)?)?",  # rotation vectors
-    "D": r"d|dist.*|.*coeff.*|kc",
+    "D": r"d|dist(ortion)?(vec(tor)?|param(eter)?s?)?|.*coeff.*|kc",
     "size": r"(im(age|g|ager)?|frame)?(size|shape)|s|srect|resolution",
 }
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -53,10 +54,10 @@ _NUMBERS = {
 _NUMBER_OF = {alias: kind for kind, aliases in _NUMBERS.items() for alias in aliases.split()}
 # Keys of vectors of these numbers.
 _VECTORS = {"intrinsics": ("fx", "fy", "cx", "cy"), "fc": ("fx", "fy"), "cc": ("cx", "cy")}
-# Sections whose width and height are not those of images.
-_OTHER_SIZES = {"roi", "board", "chessboard", "pattern"}
-# Beginnings of the keys of K of undistorted images, such as newcameramtx. Files have it beside K of the camera.
-_UNDISTORTED = "new|opt|rect|undist"
+# Words in names of sizes that are not those of images.
+_OTHER_SIZES = "board|pattern|chess|checker|grid|tag|marker|roi|crop"
+# Words in keys of K of undistorted images, such as newcameramtx. Files have it beside K of the camera.
+_UNDISTORTED = "new|optimal|rect|undist"
 _EYES = {"left": "left", "right": "right", "l": "left", "r": "right"}
 # Tolerance of values that are printed with six digits.
 _PRINTED = 1e-4
@@ -66,13 +67,15 @@ def find_arrays(tree: Tree) -> Arrays:
     """Return the arrays of a tree, without arrays of one kind and camera that differ."""
     candidates: dict[tuple[str, str], list[Array]] = {}
     for name, value in tree.items():
-        if isinstance(value, np.ndarray) and not _OTHER_SIZES & {*name}:
+        if isinstance(value, np.ndarray):
             key, camera = key_and_camera(name, value)
+            is_other = re.search(_OTHER_SIZES, " ".join(name).lower())
             for kind, array in _kinds_of(key, value.ravel()):
-                candidates.setdefault((kind, camera), []).append(array)
+                if not (is_other and kind in {"size", "width", "height"}):
+                    candidates.setdefault((kind, camera), []).append(array)
     arrays: Arrays = {}
     for (kind, camera), found in candidates.items():
-        if all(len(each) == len(found[0]) and np.allclose(each, found[0], rtol=_PRINTED) for each in found):
+        if all(len(each) == len(found[0]) and np.allclose(each, found[0], _PRINTED, _PRINTED) for each in found):
             arrays.setdefault(kind, {})[camera] = found[0]
     for camera in {camera for cameras in arrays.values() for camera in cameras}:
         for kind, array in _made_of_numbers(arrays, camera):
@@ -130,7 +133,7 @@ def _matrix(key: str, values: Array) -> tuple[str, Array] | None:
         square = values.reshape(3, 3)
         if is_rotation(square):
             return "R_rect" if "rect" in key else "R", square
-        return ("K", square) if is_camera_matrix(square) and not re.match(_UNDISTORTED, key) else None
+        return ("K", square) if is_camera_matrix(square) and not re.search(_UNDISTORTED, key) else None
     if values.size == 12 and is_camera_matrix(values.reshape(3, 4)[:, :3]):
         return "P", values.reshape(3, 4)
     # Q is [1 0 0 -cx; 0 1 0 -cy; 0 0 0 f; 0 0 -1/Tx (cx-cx')/Tx].
@@ -140,7 +143,7 @@ def _matrix(key: str, values: Array) -> tuple[str, Array] | None:
 
 
 def _made_of_numbers(arrays: Arrays, camera: str) -> Iterator[tuple[str, Array]]:
-    """Yield K, size and D that are made of a camera's single numbers; K also of numbers without a camera."""
+    """Yield K, size, D and fisheye of a camera's single numbers; K also of numbers without a camera."""
     own = {kind: float(arrays[kind][camera][0]) for kind in _NUMBERS if camera in arrays.get(kind, {})}
     shared = {kind: float(arrays[kind][""][0]) for kind in _NUMBERS if "" in arrays.get(kind, {})}
     pinhole = shared | own
@@ -152,8 +155,16 @@ def _made_of_numbers(arrays: Arrays, camera: str) -> Iterator[tuple[str, Array]]
     if {"k1", "k2", "p1"} <= own.keys():
         count = 8 if own.keys() & {"k4", "k5", "k6"} else 5 if "k3" in own else 4
         yield "D", np.array([own.get(name, 0.0) for name in _COEFFICIENTS[:count]])
-    elif {"k2", "k3", "k4"} <= own.keys():  # of a fisheye: k1 to k4, or k2 to k5
-        yield "D", np.array([own[name] for name in ("k1", "k2", "k3", "k4", "k5") if name in own])
+    elif {"k2", "k3", "k4"} <= own.keys():
+        d = np.array([own[name] for name in ("k1", "k2", "k3", "k4", "k5") if name in own])
+        yield from (("D", d), ("fisheye", d))
+
+
+def lens_arrays(tree: Tree) -> Tree:
+    """Return the values of a tree that seem to be coefficients of lenses, also under names that no kind has."""
+    arrays = ((name, ".".join(name).lower(), value) for name, value in tree.items() if isinstance(value, np.ndarray))
+    patterns = {True: r"k1", False: r"dist|coef|\bd\d?\b|\bkc"}
+    return {name: value for name, text, value in arrays if re.search(patterns[value.size == 1], text) and value.size}
 
 
 def is_camera_matrix(k: Array) -> bool:

@@ -9,7 +9,7 @@ The steps from a file to a rig:
 5. `rig` makes the rectified rig of these.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from itertools import chain
@@ -18,7 +18,7 @@ import numpy as np
 
 from semisynth_gl.calibration.aliases import ArrayPair, Arrays, find_arrays, is_rotation, key_and_camera
 from semisynth_gl.calibration.lenses import lens_model, usable_lenses
-from semisynth_gl.calibration.sizes import ImageSize
+from semisynth_gl.calibration.sizes import ImageSize, upright
 from semisynth_gl.calibration.tree import Array, FormatError, Tree
 from semisynth_gl.frame.camera import camera_matrix
 from semisynth_gl.frame.raw_camera import LensModel
@@ -29,8 +29,10 @@ UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 # A baseline without a unit is taken as metres up to the first value, as cm up to the second, and as mm above. Most rigs
 # have a baseline of about 12 cm. 38 is the border since 38 cm is 3.2 times that, and 38 mm is that divided by 3.2.
 _LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
-# Relative tolerance of equal baselines.
-_SAME_BASELINE = 0.02
+# Maximum number of corners along a side of a calibration board.
+_LARGEST_BOARD = 32
+# Relative tolerance of equal baselines, and the length up to which a translation is zero.
+_SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
 # Keys of poses, with target frame and source frame; "camera" stands for the number in the name, 0 for T_cam0_imu.
 _POSES = {
     "tcamimu": ("camera", "body"),  # Kalibr
@@ -106,12 +108,12 @@ def find_stereo_arrays(
         p, unit = _projections_of_rectified(arrays, k, unit, notes)
         k = None
     pose, p = _to_metres(pose, p, unit, notes)
-    stated_size = _size(arrays)
+    stated_size = _size(arrays, [*(k or ()), *(p or ())], notes)
     model: LensModel | None = None
     try:
-        model = lens_model(tree)
+        model = lens_model(tree) or ("fisheye" if "fisheye" in arrays else None)
         if k is not None:
-            model, d = usable_lenses(model, k, d, stated_size or size, notes)
+            model, d = usable_lenses(model, k, d, stated_size or size, tree, notes)
     except FormatError as error:
         if p is None:
             raise
@@ -150,10 +152,10 @@ def _stereo_pose(arrays: Arrays, poses: Mapping[Frames, Array], cameras: Cameras
     rotations, translations = arrays.get("R", {}), arrays.get("T", {})
     if "" in rotations and "" in translations:
         return pose_of(rotations[""], translations[""])
-    poses = {**poses}
-    for camera, rotation in rotations.items():
-        if camera in translations:
-            poses[camera, "reference"] = pose_of(rotation, translations[camera])
+    of_cameras = {each: pose_of(rotations[each], translations[each]) for each in rotations if each in translations}
+    if not poses and len(of_cameras) == 1:  # R and T of the pair, stored beside the right camera
+        return next(iter(of_cameras.values()))
+    poses = {**poses} | {(camera, "reference"): pose for camera, pose in of_cameras.items()}
     left, right = cameras or _left_and_right({*chain.from_iterable(poses)})
     from_left = {left: np.eye(4)}
     for _ in range(_LONGEST_CHAIN):
@@ -194,7 +196,8 @@ def _to_metres(
     The projections of DrivingStereo's small images have twice the baseline.
     """
     of_p = 0.0 if p is None else abs(float(p[0][0, 3] / p[0][0, 0] - p[1][0, 3] / p[1][0, 0]))
-    length = of_p if pose is None else float(np.linalg.norm(pose[:3, 3]))
+    shift = 0.0 if pose is None else float(np.linalg.norm(pose[:3, 3]))
+    length = shift if shift > _NO_SHIFT_M else of_p
     if unit is None:
         unit = "m" if length <= _LARGEST_M else "cm" if length <= _BETWEEN_CM_AND_MM else "mm"
         if unit != "m":
@@ -262,13 +265,22 @@ def _baseline(arrays: Arrays, focal_px: float) -> tuple[float | None, str | None
     return None, None
 
 
-def _size(arrays: Arrays) -> ImageSize | None:
-    """Return the size of the images; None if it is unknown. Raises FormatError if the cameras have two sizes."""
+def _size(arrays: Arrays, matrices: Sequence[Array], notes: list[str]) -> ImageSize | None:
+    """Return the size of the images; None if it is unknown. Raises FormatError if the cameras have two sizes.
+
+    A small size that does not contain the principal points of ``matrices``, K or P, is ignored.
+    """
     sizes = set[ImageSize]()
     for width, height in (size.tolist() for size in arrays.get("size", {}).values()):
-        if not all(0 < side == int(side) for side in (width, height)):
+        if not all(0 <= side == int(side) for side in (width, height)) or (width > 0) != (height > 0):
             raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
-        sizes.add(ImageSize(int(width), int(height)))
+        if width == height == 0:  # OpenCV's unknown size
+            continue
+        size = upright(ImageSize(int(width), int(height)), matrices)
+        if max(size) <= _LARGEST_BOARD and any((each[:2, 2] > size).any() for each in matrices):
+            notes.append(f"the size {size} was taken to be that of a calibration board")
+        else:
+            sizes.add(size)
     if len(sizes) > 1:
         two = " and of ".join(map(str, sorted(sizes)[:2]))
         raise FormatError(f"has images of {two}: expected the same size for both cameras")

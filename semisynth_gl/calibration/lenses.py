@@ -5,14 +5,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from semisynth_gl.calibration.aliases import ArrayPair, key_and_camera
+from semisynth_gl.calibration.aliases import ArrayPair, key_and_camera, lens_arrays
 from semisynth_gl.calibration.sizes import ImageSize
-from semisynth_gl.calibration.tree import Array, FormatError, Tree
+from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel
 
 # Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
 _WIDE = 2.4
 _MOST_SKEW = 1e-4
+# Values of a flag such as ``fisheye`` that mean false.
+_FALSE = {"", "0", "false", "no", "off", "none"}
 # The names that tools use for the two supported lens models, and for others; letters and digits only.
 _MODELS: Mapping[LensModel, str] = {
     "radial-tangential": r"plumbbob|rationalpolynomial|(pinhole)?rad(ial)?tan(gential)?8?|(modified)?brown(conrady)?"
@@ -28,10 +30,14 @@ _OTHER_MODELS = (
 def lens_model(tree: Tree) -> LensModel | None:
     """Return the stated lens model; raises FormatError for an unsupported model, or for two models."""
     models: set[LensModel] = set()
-    for name, text in tree.items():
-        if not isinstance(text, str) or not re.search("model|type", key_and_camera(name)[0]):
+    for name, value in tree.items():
+        key = key_and_camera(name)[0]
+        text = value if isinstance(value, str) else "".join(f"{number:g}" for number in value.ravel()[:1])
+        if re.search("fisheye|equidist", key) and text.lower() not in _FALSE:
+            models.add("fisheye")
+        if not isinstance(value, str) or not re.search("model|type|lens|dist|projection", key):
             continue
-        word = re.sub(r"[^a-z0-9]", "", text.lower())
+        word = re.sub(r"[^a-z0-9]", "", text.lower()).removeprefix("distortion").removeprefix("camera")
         if re.fullmatch(_OTHER_MODELS, word):
             raise FormatError(f"its lens is {text}: calibrate with a radial-tangential or equidistant (fisheye) lens")
         models |= {model for model, pattern in _MODELS.items() if re.fullmatch(pattern, word)}
@@ -41,14 +47,16 @@ def lens_model(tree: Tree) -> LensModel | None:
 
 
 def usable_lenses(
-    model: LensModel | None, k: ArrayPair, d: ArrayPair | None, size: ImageSize | None, notes: list[str]
+    model: LensModel | None, k: ArrayPair, d: ArrayPair | None, size: ImageSize | None, tree: Tree, notes: list[str]
 ) -> tuple[LensModel, ArrayPair]:
     """Return the model and the coefficients of both lenses; raises FormatError if they cannot be used."""
+    if d is None and (found := lens_arrays(tree)):
+        raise FormatError(f"expected coefficients of both lenses, got {listing(found)}")
     if d is None:
         notes.append("no lens coefficients were found: the cameras are taken to be pinholes")
         d = np.zeros(0), np.zeros(0)
     is_wide = size is not None and size.width_px > _WIDE * float(k[0][0, 0])
-    if model is None and is_wide and d[0].any() and len(d[0]) == 4:
+    if model is None and is_wide and d[0].any() and len(d[0]) in (4, 5) and not d[0][4:].any():
         raise FormatError(
             "a wide lens with 4 coefficients may be radial-tangential or a fisheye: add the value distortion_model, "
             "fisheye or radtan, to the file"

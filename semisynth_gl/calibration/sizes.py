@@ -6,9 +6,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from semisynth_gl.calibration.tree import Array
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.textures.images import ImageError, stored_size
 
+# Farther from the centre than this fraction of the side, a principal point may belong to a different image size.
+_NEAR_CENTRE = 0.1
 _SIZES_SHOWN = 3
 
 
@@ -24,6 +27,20 @@ class ImageSize(NamedTuple):
     def scaled(self, scale: float) -> "ImageSize":
         """Return the size times a factor, rounded to whole pixels."""
         return ImageSize(*(max(1, int(side * scale + 0.5)) for side in self))
+
+
+def upright(size: ImageSize, matrices: Sequence[Array]) -> ImageSize:
+    """Return the size; width and height are swapped if the principal points of K or P fit only the swapped size.
+
+    They do if one is far from the centre of images of ``size``, and all are near the centre of swapped images.
+    """
+
+    def distance(sides: ImageSize) -> float:
+        return max((float(abs(m[k, 2] / side - 0.5)) for m in matrices for k, side in enumerate(sides)), default=0.0)
+
+    swapped = ImageSize(size.height_px, size.width_px)
+    far = distance(size)
+    return swapped if far > _NEAR_CENTRE and distance(swapped) <= min(_NEAR_CENTRE, far / 2) else size
 
 
 def photograph_sizes(images: Sequence[Path]) -> list[ImageSize]:

@@ -118,9 +118,12 @@ def _numpy(data: bytes) -> Any:  # noqa: ANN401 - an array, or arrays by name
 def _element(element: ET.Element) -> Any:  # noqa: ANN401 - any nested value
     if not len(element):
         return (element.text or "").strip()
-    children = [(child.tag, _element(child)) for child in element]
-    by_tag = dict(children)
-    return by_tag if len(by_tag) == len(children) else [value for _, value in children]
+    by_tag: dict[str, list[Any]] = {}
+    for child in element:
+        by_tag.setdefault(child.tag, []).append(_element(child))
+    if by_tag.keys() == {"_"}:  # OpenCV's lists
+        return by_tag["_"]
+    return {tag: values if len(values) > 1 else values[0] for tag, values in by_tag.items()}
 
 
 def _yaml(text: str) -> dict[str, Any] | None:

@@ -441,6 +441,7 @@ numbers = st.floats(1, 5000, allow_nan=False)
     centre=st.tuples(numbers, numbers, numbers),
 )
 def test_a_rectified_rig_in_any_format_is_read_back(tmp_path_factory, size, focal_px, baseline_m, centre):
+    assume(max(size) > 32)  # smaller sizes may be those of calibration boards
     folder = tmp_path_factory.mktemp("rig")
     camera = StereoCamera(*size, focal_px, baseline_m, *centre)
     for name, text in RECTIFIED.items():
@@ -533,6 +534,60 @@ def test_cameras_that_are_rectified_already_have_no_lens(tmp_path):
         for n, eye, k, turn, shift in ((1, "left", K1, np.eye(3), np.zeros(3)), (2, "right", K2, R, T))
     }
     assert read(tmp_path, eyes | IMAGE).raw is None
+
+
+def eyes_of(k, d, **others):
+    """Return a file of both eyes' K and D with further values, and R and T."""
+    return {eye: {"K": k, **d} for eye in ("left", "right")} | {"R": np.eye(3), "T": [-0.12, 0, 0]} | others
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        eyes_of(K1, {"D": FISH[0]}, fisheye=True),
+        eyes_of(K1, {"D": FISH[0]}, fisheye_model=1),
+        eyes_of(K1, {"D": FISH[0]}, distortion="fisheye"),
+        eyes_of(K1, {"D": [*FISH[0], 0]}, model="distortion.kannala_brandt4"),
+        eyes_of(K1, dict(zip(("k1", "k2", "k3", "k4"), FISH[0], strict=True))),
+    ],
+)
+def test_a_fisheye_is_known_by_a_flag_a_model_or_its_numbers(tmp_path, values):
+    raw = read(tmp_path, values | IMAGE).raw["left"]
+    assert (raw.model, [*raw.distortion]) == ("fisheye", pytest.approx([*FISH[0]]))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        eyes_of(K1, {}, left={"K": K1, "D": FIVE[0]}),
+        eyes_of(K1, {}, D=FIVE[0]),
+        eyes_of(K1, {"radial_distortion": [-0.1, 0.01]}),
+        eyes_of(K1, {}, k1_left=-0.1, k1_right=-0.1),
+    ],
+)
+def test_coefficients_that_are_not_understood_are_refused(tmp_path, values):
+    with pytest.raises(ReadError, match="expected coefficients of both lenses, got "):
+        read(tmp_path, values | IMAGE)
+
+
+def test_sizes_of_boards_and_exchanged_sides_are_not_those_of_images(tmp_path):
+    for other in ({"checkerboard": {"rows": 6, "cols": 9}}, {"pattern_size": [9, 6]}, {"nx": 9, "ny": 6}):
+        assert read(tmp_path, eyes_of(K1, {"D": FIVE[0]}) | other, photographed=ImageSize(*SIZE)).size == SIZE
+    assert read(tmp_path, eyes_of(K1, {"D": FIVE[0]}, image_size=SIZE[::-1])).size == SIZE
+
+
+def test_r_and_t_may_be_printed_with_six_digits_or_be_in_a_file_of_the_right_camera(tmp_path):
+    vector = cv2.Rodrigues(R)[0].ravel()
+    values = {"K1": K1, "D1": FIVE[0], "K2": K2, "D2": FIVE[1], "T": T}
+    check(read(tmp_path, values | IMAGE | {"R": R, "om": np.round(vector, 6)}))
+    files = {"intrinsics.json": {key: values[key] for key in ("K1", "D1", "K2", "D2")} | IMAGE}
+    check(read(tmp_path, files | {"extrinsics2.json": {"R": R, "T": T}}))
+
+
+def test_a_translation_of_zero_states_no_unit(tmp_path):
+    p1, p2 = (projections()[f"P{n}"] * (1, 1, 1, 1000) for n in "12")
+    rig = read(tmp_path, {"P1": p1, "P2": p2, "R": np.eye(3), "T": np.zeros(3)} | IMAGE)
+    assert rig.camera.baseline_m == pytest.approx(np.linalg.norm(T), rel=1e-4)
 
 
 def test_no_value_of_a_text_or_xml_file_hides_another(tmp_path):
