@@ -55,7 +55,8 @@ check() {
                     continue
                 fi
                 [ $backend != none ] || backend=missing
-                packages="$packages libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri libosmesa6" ;;
+                [ "$need" = osmesa ] || packages="$packages libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri"
+                [ "$need" = egl ] || packages="$packages libosmesa6 libgl1" ;;
         esac
         missing="$missing $need"
     done

@@ -65,9 +65,10 @@ def _result(ray: Any, reference: Any, number: int) -> str:  # noqa: ANN401 - Ray
     """Return the renderer's name from a task of `_make`, or raise the task's exception."""
     try:
         return str(ray.get(reference))
-    except ray.exceptions.RayTaskError as error:
-        raise error.cause from error
     except ray.exceptions.RayError as error:
+        cause = getattr(error, "cause", None)
+        if isinstance(cause, Exception) and not isinstance(cause, ray.exceptions.RayError):
+            raise cause from error
         raise WorkerError(
             f"shard {number} could not be made: {str(error).strip()}. Complete shards stay on disk"
         ) from None

@@ -55,9 +55,11 @@ def read_plan(root: UPath) -> DatasetPlan | None:
 
 
 def holds_only_plan(root: UPath) -> bool:
-    """Return whether a folder holds no files except a plan and a lock."""
-    files = {*root.glob("*"), *root.glob(f"{SHARDS_FOLDER}/*")} if is_local(root) else {root}
-    return files <= {root / name for name in (SHARDS_FOLDER, PLAN, LOCK)}
+    """Return whether a folder holds no files except a plan, a plan that was being written, and a lock."""
+    if not is_local(root):
+        return False
+    others = {*root.glob("*"), *root.glob(f"{SHARDS_FOLDER}/*")} - {root / SHARDS_FOLDER, root / LOCK}
+    return all(path.name.startswith((root / PLAN).name) for path in others)
 
 
 def check_resumable(root: UPath, stored: DatasetPlan, plan: DatasetPlan) -> None:

@@ -97,6 +97,7 @@ def test_a_run_that_is_alone_replaces_a_plan_for_which_nothing_was_made(tmp_path
     config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
     root, plan = open_root(tmp_path), make_plan(config, 1, "kitti", {"train": 2}, 2)
     begin(root, plan)
+    (tmp_path / f"{PLAN}.7.new").touch()  # of a run that was killed while it wrote the plan
     with locked(root, shared=True) if others else nullcontext():
         with pytest.raises(InputError, match="another run") if others else nullcontext():
             assert generate(config, tmp_path, 1, 2, shards=range(1)).plan.layout_name == "middlebury"
