@@ -50,9 +50,10 @@ def measure(
     The listener gets messages. Raises SemisynthError if the config or OpenGL cannot be used.
 
     Returns:
-        A report in JSON's types: config, seed, size, "pairs", "machine"; "stages", with "name", "text", mean "seconds"
-        per pair and "share" of the total of each of `STAGES`; and "workers", with "pairs_per_second" for each number
-        of "workers", and llvmpipe's "threads" in each worker (with 0, it draws in the calling thread).
+        A report in JSON's types: config, seed, image size, number of pairs and machine. Its "stages" are rows with
+        "name", "text", mean "seconds" per pair, and "share" of all seconds. Its "workers" are rows with a number of
+        "workers", their "pairs_per_second", and the "threads" of llvmpipe in each worker (0 means that llvmpipe draws
+        in the calling thread).
     """
     listener.on_message(f"timing the stages of {counted(pairs, 'pair')}")
     # In a new process, since llvmpipe reads its number of threads once.

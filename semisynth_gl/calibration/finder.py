@@ -27,7 +27,7 @@ UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 """Metres per unit of a translation, by the unit's name."""
 
 # A baseline without a unit is taken as metres up to the first value, as cm up to the second, and as mm above. Most rigs
-# have a baseline of about 12 cm. 38 is the border since 38 cm is 3.2 times that, and 38 mm is that divided by 3.2.
+# have a baseline of about 12 cm: 38 cm is 3.2 times as long, and 38 mm is shorter by the same factor.
 _LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
 # Maximum number of corners along a side of a calibration board.
 _LARGEST_BOARD = 32
@@ -100,7 +100,7 @@ def find_stereo_arrays(
     arrays, notes = find_arrays(tree), list[str]()
     k, p, d = (_pair(arrays, kind, cameras) for kind in ("K", "P", "D"))
     rectification = _pair(arrays, "R_rect", cameras)
-    if rectification is None and _pair(arrays, "T", cameras) is None:  # beside T of both cameras, R is not R1 and R2
+    if rectification is None and _pair(arrays, "T", cameras) is None:  # beside T of both cameras, R is of their poses
         rectification = _pair(arrays, "R", cameras)
     pose = _stereo_pose(arrays, poses, cameras)
     p = p or _projections_of_right(arrays, cameras)
@@ -193,7 +193,7 @@ def _to_metres(
 ) -> tuple[Array | None, ArrayPair | None]:
     """Convert a pose and projections to metres; if their baselines differ, use that of the pose.
 
-    The projections of DrivingStereo's small images have twice the baseline.
+    For example, P of DrivingStereo's small images states twice the true baseline.
     """
     of_p = 0.0 if p is None else abs(float(p[0][0, 3] / p[0][0, 0] - p[1][0, 3] / p[1][0, 0]))
     shift = 0.0 if pose is None else float(np.linalg.norm(pose[:3, 3]))
@@ -257,7 +257,7 @@ def _projections_of_rectified(
 
 
 def _baseline(arrays: Arrays, focal_px: float) -> tuple[float | None, str | None]:
-    """Return the baseline and the unit that its name states, or else a stated f B divided by ``focal_px``."""
+    """Return the baseline and the unit that its name states, or else a stated product f B, divided by ``focal_px``."""
     kinds = {f"baseline_{unit}": unit for unit in UNITS} | {"baseline": None, "focal_baseline": None}
     for kind, unit in kinds.items():
         for number in arrays.get(kind, {}).values():

@@ -20,8 +20,8 @@ _SAME_FOCAL = 1e-4
 _SAME_CY_PX = 0.05
 # Largest distance of a rectified right camera from the x axis, as a fraction of the baseline. KITTI's is 0.5 % off.
 _OFF_BASELINE = 0.01
-# The widest rectified view of a fisheye by default, as the tangent of half the angle. OpenCV shrinks the middle of a
-# wider view.
+# The widest rectified view of a fisheye by default, as the tangent of half the angle. In a wider view, OpenCV gives the
+# middle too few pixels.
 _WIDEST_FISHEYE = math.tan(math.radians(50))
 
 

@@ -39,8 +39,8 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     "--calib",
     multiple=True,
     metavar="FILE_OR_GLOB",
-    help="Calibration file of most tools: YAML, JSON, XML, .npz, .npy, .conf or text. May be repeated, for the files "
-    "of both cameras.",
+    help="Calibration file of most tools: YAML, JSON, XML, .npz, .npy, .conf, .ini or text. May be repeated, for the "
+    "files of both cameras.",
 )
 @option(
     "--calib-keys",
@@ -85,7 +85,7 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     "all recipes get the same weight, and textures are as in the packaged configs.",
 )
 @option("--out", type=OutputFileType(".yaml", ".yml"), required=True, help="YAML file to write.")
-@option("--overwrite", is_flag=True, help="Replace --out if it exists, with any changes that you made in it.")
+@option("--overwrite", is_flag=True, help="Replace --out if it exists; changes that you made in it are lost.")
 def calibrate(
     out: Path,
     overwrite: bool,

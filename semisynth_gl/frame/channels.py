@@ -81,7 +81,7 @@ class Channel(Generic[Value]):
 
     @property
     def beyond_key(self) -> str:
-        """The key, in a pair's provenance, of the number of values beyond the codec's range in each view."""
+        """The key under which a pair's provenance counts, for each view, the values beyond the range of the codec."""
         return f"{self.name}_beyond"
 
 

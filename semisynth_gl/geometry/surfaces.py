@@ -31,7 +31,7 @@ BAND_STRETCH = 1.1
 """Maximum factor by which the texture of a lathed surface is stretched or compressed around the axis."""
 
 BAND_SHEAR = 0.15
-"""Maximum shear of the texture on a lathed surface, where the surface is steeper or flatter than its band's cone."""
+"""Maximum shear of the texture on a lathed surface: `lathe` unrolls cones that fit bands of it, but not exactly."""
 
 
 def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
@@ -104,7 +104,10 @@ def _fitted_cone(radius: Floats, arc: Floats) -> tuple[float, float]:
 
 
 def _conic_uv(arc: Floats, offset: float, slope: float, angle: Floats, segments: int) -> Floats:
-    """Unroll the cone radius = offset + slope * arc to UV, (R, C, 2): rows by arc, columns by angle; v(0) is -arc."""
+    """Unroll the cone radius = offset + slope * arc to UV, (R, C, 2): rows by arc, columns by angle.
+
+    At angle 0, v is -arc.
+    """
     half = np.pi / segments
     if abs(slope) < 1e-6:  # a cylinder, with the circumference of the polygon
         u = offset * np.sin(half) / half * angle
@@ -144,7 +147,7 @@ def _frames(points: Floats, *, closed: bool) -> tuple[Floats, Floats, Floats]:
     """Return rotation-minimising frames of a polyline: two unit normals and the tangent, (P, 3) each, right-handed.
 
     The method is double reflection (Wang et al., Computation of rotation minimizing frames, 2008). After one round of a
-    closed polyline, the frame is turned about the tangent; the frames are turned back evenly.
+    closed polyline, the frame has rotated about the tangent. Equal parts of this rotation are undone at each point.
     """
     if closed:
         tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)

@@ -29,8 +29,8 @@ def fill_holes(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
 
     A hole gets the smaller of the nearest values on its left and right in its row, since most holes are background that
     only one eye sees. If only one side has a value, the hole gets this value. Rows above the first row with a value
-    become copies of that row, and rows below the last row with a value copies of that one. Rows without a value between
-    them get -1, KITTI's value for no disparity.
+    become copies of that row, and rows below the last row with a value copies of that one. Other rows without a value
+    get -1, KITTI's value for no disparity.
     """
     known, column = np.isfinite(disparity), np.arange(disparity.shape[1])
     before = np.maximum.accumulate(np.where(known, column, 0), axis=1)

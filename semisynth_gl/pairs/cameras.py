@@ -41,8 +41,8 @@ class RigCapture:
     ) -> list[tuple[Frame, dict[str, Any]]]:
         """Return the captured frames, each with the entries "lens" and "imperfections" of its pair's provenance.
 
-        Random values of the left eye depend on the scene, those of a right eye on
-        the scene and the view. Several frames share their left images, which are then read-only.
+        Random imperfections of the left eye depend on the scene, those of a right eye on the scene and the view.
+        Several frames share their left images, which are then read-only.
 
         Args:
             frames: rendered frames of one scene.
@@ -80,7 +80,7 @@ class RigCapture:
                 records["lens"]["border_disparity"] = False
         # Both eyes expose at the same time, so a scene has one motion blur.
         motion_blur = section.motion_blur.sample(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
-        # Not one density for both eyes: pairs that share a left view may differ in the right lens.
+        # Each eye has its own density: with a common one, a shared left image would depend on the right lens.
         densities = {eye: lenses[eye].density if lenses else 1.0 for eye in eyes}
         images = self._expose_eyes(frame, sampled, motion_blur, densities)
         principal_points = {eye: camera.intrinsics_px(eye)[:2] for eye in EYES}
@@ -132,7 +132,7 @@ class RigCapture:
         return channels
 
     def _eye_lenses(self, sequence: int, camera: StereoCamera) -> dict[Eye, EyeRectification]:
-        """Return both eyes' lenses in a sequence with the rectified pair ``camera``; empty without the section lens."""
+        """Return each eye's lens in a sequence; ``camera`` is the rectified pair. Empty without the section lens."""
         section = self._config.lens
         if section is None:
             return {}

@@ -49,12 +49,12 @@ class OutlineFinder:
                 member, edge, below = _silhouettes(edges, eyes[group])
                 found.append((group[member], edge + self._first[number], below))
         index, edge, below = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        # A triangle is in front if its plane separates the eye from the triangle on the other side of the edge.
+        # Of the two triangles at an edge, the one in front is that whose plane lies between the eye and the other one.
         eye_below = below ^ (eyes[index, 3] < 0)
         first = self._border[edge] | (eye_below != self._below[0, edge])
         second = ~first & (eye_below != self._below[1, edge])
-        # Of a solid, the eye sees only front faces. It is above the plane of a first triangle whose front it sees, and
-        # below that of a second one, which `MeshEdges` turns round.
+        # Of a solid, the eye sees only front faces. It sees the front of a first triangle from above that triangle's
+        # plane, and that of a second one from below, since `MeshEdges` stores second triangles reversed.
         solid = transforms.solid[seen][index]
         first &= ~(solid & eye_below)
         second &= ~solid | eye_below
@@ -106,7 +106,7 @@ def _silhouettes(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
     """Find the edges, of M instances of a mesh, where the surface ends or turns away from an eye; ``eyes`` is (M, 4).
 
-    At such an edge, the eye is on the same side of both planes of `MeshEdges`, whose second triangle is turned round.
+    `MeshEdges` stores the second triangle reversed. So at such an edge, the eye is above both planes, or below both.
 
     Returns:
         The numbers of instances and of edges, (N,) int64 each, and ``below``, (N,) bool: whether the eye is below both

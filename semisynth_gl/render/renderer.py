@@ -253,7 +253,7 @@ class Renderer:
         for name, motion in motions.items():
             outputs = self._options.outputs_of(name)
             if outputs and motion is None:
-                raise InputError(f"the output {outputs[0]} needs the scene's motion: render(scene, {name}=Motion(...))")
+                raise InputError(f"the output {outputs[0]} needs the scene's motion: {name}=move(scene, ...)")
             if motion is not None and motion.scene.camera != scene.camera:
                 raise InputError(
                     f"expected the scene's camera, {scene.camera}, got {motion.scene.camera}", argument=name
@@ -287,7 +287,7 @@ class Renderer:
         size, cached = (camera.width_px, camera.height_px), self._target_sets
         cached[size] = cached.pop(size) if size in cached else TargetSet(self._resources, size)
         if len(cached) > _MOST_SIZES:
-            # After it makes a framebuffer, moderngl binds the one in use again. So none in use may be released.
+            # When moderngl makes a framebuffer, it binds the current one again afterwards: do not release that one.
             self._gl.screen.use()
             cached.pop(next(iter(cached))).release()
         return cached[size]

@@ -46,7 +46,7 @@ _LEVEL = 0.98
 
 
 def furnish(room: FloorSceneBuilder, section: RoomSection, walls: tuple[Wall, ...]) -> None:
-    """Put things into a room, in the numbers of the config; a thing for which no free spot is found is left out.
+    """Put things into a room, as many as the config says; a thing for which no free spot is found is left out.
 
     ``walls`` are the wall ahead, the right and the left wall.
     """

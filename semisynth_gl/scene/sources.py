@@ -30,7 +30,7 @@ class SceneSources:
     """The patches and the models of a split's pairs, and a projector's pattern."""
 
     atlas: Atlas  # in grey if the config's cameras are monochrome
-    libraries: tuple[ModelLibrary, ...]  # one per recipe; they share `models`, but differ in chances and relief
+    libraries: tuple[ModelLibrary, ...]  # one per recipe; they share `models`, with different chances
     photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty if all patches are procedural
     pattern: NDArray[np.uint8] | None = None  # (H, W), of the projector
     pattern_is_read: bool = False  # whether the pattern comes from a file; a painted pattern needs no checksum
@@ -55,7 +55,7 @@ class SceneSources:
         """Return the checksums "patches" and "models", and "pattern" if the pattern comes from a file, hexadecimal.
 
         Processors differ in the last bits of sines and of matrix products. Rounded values rarely differ: lengths are
-        rounded to 1e-5 of a model's radius, and the means of pixels over sixteenths of a patch to half levels.
+        rounded to 1e-5 of a model's radius, and the means of 4 x 4 parts of a patch to half a level.
         """
         patches = models = 0
         for patch in self.atlas.patches:
@@ -68,7 +68,7 @@ class SceneSources:
             models = crc32(np.ascontiguousarray(mesh.triangles), models)
             for lengths in (mesh.positions, mesh.uv):
                 models = crc32(_rounded(lengths, _LENGTH), models)
-        # The numbers of particles depend on the mean relief.
+        # The mean relief of the models decides how many particles a scene has.
         for library in self.libraries:
             relief = library.relief
             for numbers in (np.array([relief.fill]), relief.heights, library.chances):

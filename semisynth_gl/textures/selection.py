@@ -137,8 +137,7 @@ def _settled(opened: Mapping[int, _ImageCrops], most: int) -> bool:
 def _evict(opened: Mapping[int, _ImageCrops], most: int) -> None:
     """Reject the surplus: the fullest image of the fullest subject loses its last patch, until ``most`` are left.
 
-    Once the atlas is full, the largest number of patches of a subject never grows, so an evicted patch is not needed
-    again.
+    Once the atlas is full, the fullest subject never gets more patches, so an evicted patch is never wanted back.
     """
     subjects = _by_subject(opened)
     for _ in range(_patches(opened.values()) - most):
