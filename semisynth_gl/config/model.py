@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.disparity_section import DisparitySection
@@ -149,12 +149,18 @@ class RecipeSection(ConfigSection):
     config: "Config"
     """the whole config with the recipe's keys merged in, and without recipes"""
 
-    def _check_rules(self) -> None:
-        for section, keys in self.given.items():
-            fixed = [f"{section}.{key}" for key in keys if key in _FIXED[section]] if section in _FIXED else [section]
+    @field_validator("given")  # before `config`, whose faults may follow from fixed keys
+    @classmethod
+    def _check_fixed(cls, given: dict[str, Any]) -> dict[str, Any]:
+        for section in (name for name in given if name in Config.model_fields):  # `config` reports unknown keys
+            fixed = [section]
+            if section in _FIXED:
+                keys = given[section] if isinstance(given[section], dict) else ()
+                fixed = [f"{section}.{key}" for key in keys if key in _FIXED[section]]
             if fixed:
                 text = f"a recipe cannot change this key, which all pairs share: set {fixed[0]} outside scenes"
                 raise ConfigError(text, fixed)
+        return given
 
     @model_serializer(mode="wrap")
     def _as_written(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:

@@ -134,6 +134,8 @@ def test_recipes_of_weight_0_are_left_out():
     [
         ("{recipe: a, particles: {densty: 3}}", "mix.yaml:3: scenes.0.particles.densty: unknown key; did you mean"),
         ("{recipe: a, camera: {width_px: 64}}", "scenes.0.camera.width_px: a recipe cannot change this key"),
+        ("{recipe: a, camera: 5}", "scenes.0.camera: expected keys and values, got 5"),
+        ("{recipe: a, disparity: {max_px: 0.1}}", "scenes.0.disparity.max_px: a recipe cannot change this key"),
         ("{recipe: a, weight: 0}", "mix.yaml:2: scenes: expected a weight above 0"),
         ("{recipe: a}\n- {recipe: a}", "recipes with different names"),
         ("{recipe: a, camera: {baseline_m: null}}", "mix.yaml:3: scenes.0.camera.baseline_m: give either"),
