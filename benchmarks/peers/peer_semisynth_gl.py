@@ -1,7 +1,7 @@
 """This project's renderer: one `Renderer` for all frames, its arrays written by its own encoders.
 
-Variants: none, edges and ssaa2 are antialiasing modes, with only the left disparity. all is none with both disparities
-and both visibility masks, as in a dataset.
+The variants "none", "edges" and "ssaa2" render with this antialiasing mode and write only the left disparity. The
+variant "all" has no antialiasing and writes both disparities and both visibility masks, as a dataset does.
 """
 
 from pathlib import Path

@@ -35,7 +35,7 @@ class ConfigScenes:
     scenes: Sequence[Scene]
 
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
-        """Open a `Renderer` for these models and patches; ``options`` replace those of the config."""
+        """Open a `Renderer` for these models and patches; ``options`` override the options that the config sets."""
         atlas = self.sources.atlas
         large = atlas.large_layers if len(atlas.large_layers) else None
         options = renderer_options(self.config) | {"pattern": self.sources.pattern} | options

@@ -54,7 +54,7 @@ _NUMBERS = {
 _NUMBER_OF = {alias: kind for kind, aliases in _NUMBERS.items() for alias in aliases.split()}
 # Keys of vectors of these numbers.
 _VECTORS = {"intrinsics": ("fx", "fy", "cx", "cy"), "fc": ("fx", "fy"), "cc": ("cx", "cy")}
-# Words in names of sizes that are not those of images.
+# Beginnings of words in the names of sizes of other things than images.
 _OTHER_SIZES = "board|pattern|chess|checker|grid|tag|marker|roi|crop"
 # Words in keys of K of undistorted images, such as newcameramtx. Files have it beside K of the camera.
 _UNDISTORTED = "new|optimal|rect|undist"
@@ -69,7 +69,8 @@ def find_arrays(tree: Tree) -> Arrays:
     for name, value in tree.items():
         if isinstance(value, np.ndarray):
             key, camera = key_and_camera(name, value)
-            is_other = re.search(_OTHER_SIZES, " ".join(name).lower())
+            spaced = re.sub("([A-Z]|_)", r" \1", " ".join(name)).lower().replace("_", " ")
+            is_other = re.search(rf"\b({_OTHER_SIZES})", spaced)
             for kind, array in _kinds_of(key, value.ravel()):
                 if not (is_other and kind in {"size", "width", "height"}):
                     candidates.setdefault((kind, camera), []).append(array)
@@ -162,9 +163,14 @@ def _made_of_numbers(arrays: Arrays, camera: str) -> Iterator[tuple[str, Array]]
 
 def lens_arrays(tree: Tree) -> Tree:
     """Return the values of a tree that seem to be coefficients of lenses, also under names that no kind has."""
-    arrays = ((name, ".".join(name).lower(), value) for name, value in tree.items() if isinstance(value, np.ndarray))
-    patterns = {True: r"k1", False: r"dist|coef|\bd\d?\b|\bkc"}
-    return {name: value for name, text, value in arrays if re.search(patterns[value.size == 1], text) and value.size}
+    found: Tree = {}
+    for name, value in tree.items():
+        if isinstance(value, np.ndarray) and value.size:
+            kinds = {kind for kind, _ in _kinds_of(key_and_camera(name, value)[0], value.ravel())}
+            pattern = "k1" if value.size == 1 else "dist|coef"
+            if kinds & {"D", *_COEFFICIENTS} or re.search(pattern, ".".join(name).lower()):
+                found[name] = value
+    return found
 
 
 def is_camera_matrix(k: Array) -> bool:

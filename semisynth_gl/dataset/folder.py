@@ -31,7 +31,7 @@ def read_plan(root: UPath) -> DatasetPlan | None:
     Raises:
         InputError: where a newer program wrote the plan, its layout is a plug-in that is not installed, or the root
             holds something other than a dataset.
-        ReadError: where the plan is damaged: nothing else tells which folders are the dataset's.
+        ReadError: where the plan is damaged. Only the plan says which folders belong to the dataset.
     """
     if is_local(root) and root.is_file():
         raise InputError(f"{root}: expected a folder, got a file", argument="out")

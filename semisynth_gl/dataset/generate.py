@@ -144,7 +144,7 @@ def _describe(plan: DatasetPlan, sources: Mapping[SplitName, SceneSources], list
 
 
 def _shard_numbers(shards: Sequence[Shard], numbers: range | None) -> range:
-    """Return ``numbers``, by default those of all shards; raises InputError if the dataset lacks one of them."""
+    """Return ``numbers``, or all shard numbers if it is None. Raises InputError for a number that no shard has."""
     if numbers is None:
         return range(len(shards))
     if not numbers or numbers.start < 0 or numbers.stop > len(shards):

@@ -241,7 +241,7 @@ class StereoCamera(CheckedFields):
         return 0.0 if eye == "left" else self.baseline_m
 
     def turn(self, eye: Eye) -> Floats | None:
-        """Return eye_from_left, the rotation of one eye, (3, 3) float64; None where the eye is not rotated."""
+        """Return the rotation eye_from_left, (3, 3) float64; None if the eye is not rotated."""
         return None if eye == "left" or self.rectified else self.deviation.rotation
 
     def disparity_px(self, depth_m: Floats | float) -> Floats:

@@ -19,7 +19,7 @@ Field = Callable[[Floats], Floats]
 Limb = tuple[Floats, float, Floats, float]
 """A round-ended rod, whose radius changes linearly: its start, (3,), the radius there, its end, the radius there."""
 
-# The corners of a square of grid nodes in turn, as offsets of two indices; also those of the four cells around an edge.
+# Index offsets of the four corners of a grid square, in order around it. The four cells around an edge have them too.
 _AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
 # The ends of the edges along an axis of the grid: all nodes but the last, and all nodes but the first.
 _ENDS = (slice(None, -1), slice(1, None))

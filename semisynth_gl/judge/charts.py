@@ -33,8 +33,8 @@ def plot_sheet(
 ) -> Figure:
     """Plot a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
 
-    ``frames`` are at least one pair. ``names`` stand below the left images, ``weights`` are those of the pairs in the
-    histogram, and ``target`` is the config's target distribution of disparity.
+    ``frames`` has at least one pair. The sheet shows each of the ``names`` below a left image, and counts each pair in
+    the histogram with its entry of ``weights``; ``target`` is the config's target distribution of disparity.
     """
     first = frames[0].camera
     # Three images and a colour bar share the width.

@@ -1,4 +1,4 @@
-"""Compares the measures of a dataset with those of its place, and finds outliers among its pairs.
+"""Compares the measures of a dataset with the measures of its place, and finds the dataset's outliers.
 
 The place is where the network will work. Its pictures are photographs and disparity maps.
 """
@@ -35,8 +35,8 @@ class MeasureComparison:
         place: (M,) float64, the values of the place's pictures; may be empty.
         difference: the dataset's mean minus the place's mean, in standard deviations of the place (see
             `standard_deviation`). None if the dataset has no values, or the place has fewer than four, or only zeros.
-        distance: the Wasserstein-1 distance of both distributions, in standard deviations of the place; None where
-            ``difference`` is. A mix of crowded and empty scenes may have the place's mean, but a large distance.
+        distance: the Wasserstein-1 distance of both distributions, in standard deviations of the place; None if
+            ``difference`` is None. A mix of crowded and empty scenes may have the place's mean, but a large distance.
         advice: what to change in the config; "" if there is nothing to change, or no key is known.
     """
 

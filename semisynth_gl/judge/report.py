@@ -129,7 +129,7 @@ def _measure(
 ) -> tuple[list[MeasuredPair], Histogram | None]:
     """Read pairs, measure their left views, and return the distribution of the left disparities over all pairs.
 
-    Its bins divide those of the ``target``, so that both can be compared exactly.
+    Each bin of ``target`` consists of whole bins of this histogram, so that both can be compared exactly.
     """
     listener = listener or Listener()
     listener.on_total(len(positions))

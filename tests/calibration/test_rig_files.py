@@ -561,6 +561,7 @@ def test_a_fisheye_is_known_by_a_flag_a_model_or_its_numbers(tmp_path, values):
     [
         eyes_of(K1, {}, left={"K": K1, "D": FIVE[0]}),
         eyes_of(K1, {}, D=FIVE[0]),
+        eyes_of(K1, {}, D_left=FIVE[0]),
         eyes_of(K1, {"radial_distortion": [-0.1, 0.01]}),
         eyes_of(K1, {}, k1_left=-0.1, k1_right=-0.1),
     ],
@@ -571,9 +572,15 @@ def test_coefficients_that_are_not_understood_are_refused(tmp_path, values):
 
 
 def test_sizes_of_boards_and_exchanged_sides_are_not_those_of_images(tmp_path):
-    for other in ({"checkerboard": {"rows": 6, "cols": 9}}, {"pattern_size": [9, 6]}, {"nx": 9, "ny": 6}):
+    for other in (
+        {"checkerboard": {"rows": 6, "cols": 9}},
+        {"pattern_size": [9, 6]},
+        {"nx": 9, "ny": 6},
+        {"calibBoard": {"size": [9, 6]}},
+    ):
         assert read(tmp_path, eyes_of(K1, {"D": FIVE[0]}) | other, photographed=ImageSize(*SIZE)).size == SIZE
     assert read(tmp_path, eyes_of(K1, {"D": FIVE[0]}, image_size=SIZE[::-1])).size == SIZE
+    assert read(tmp_path, eyes_of(K1, {"D": FIVE[0]}, onboard={"image_size": SIZE})).size == SIZE
 
 
 def test_r_and_t_may_be_printed_with_six_digits_or_be_in_a_file_of_the_right_camera(tmp_path):
