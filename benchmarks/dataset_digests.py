@@ -26,7 +26,7 @@ from PIL import Image
 
 from semisynth_gl.config.load import packaged_configs
 from semisynth_gl.frame.channels import OUTPUTS
-from semisynth_gl.layouts import LAYOUTS
+from semisynth_gl.plugins import BUILT_IN
 
 REAL_RIG = Path(__file__).resolve().parents[1] / "examples" / "real-rig.yaml"
 # Layouts in which the config chooses the encodings.
@@ -60,7 +60,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield the name of each dataset, and the options of `semisynth-gl generate` that make it."""
     for config in packaged_configs():
         yield f"config/{config}", ("--config", config, "--pairs", "2")
-    for layout in LAYOUTS:
+    for layout in BUILT_IN["layouts"]:
         moving = ("--config", "sceneflow", "--pairs", "4", "--layout", layout, *MOVING)
         yield f"layout/{layout}", moving
         splits = ("--validation", "1", "--test", "1", "--set", "splits.models=true")

@@ -16,7 +16,7 @@ from typing import Any, Literal, cast
 
 from typing_extensions import TypedDict  # before Python 3.12, pydantic rejects typing's
 
-from semisynth_gl.inputs.errors import InputError, did_you_mean, shown
+from semisynth_gl.inputs.errors import InputError, did_you_mean, most_similar, shown
 
 Group = Literal["layouts", "textures", "models", "recipes"]
 """The kinds of plug-ins."""
@@ -94,7 +94,8 @@ def find_plugin(group: Group, name: str) -> Plugin:
         return installed[name]
     known = sorted({*BUILT_IN[group], *installed})
     expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
-    raise InputError(f"{NOUNS[group]}: {expected}, got {shown(name)}; {did_you_mean(name, known)}".removesuffix("; "))
+    hint = did_you_mean(most_similar(name, known))
+    raise InputError(f"{NOUNS[group]}: {expected}, got {shown(name)}; {hint}".removesuffix("; "))
 
 
 def plugin_packages(used: Collection[tuple[Group, str]]) -> dict[str, dict[str, PluginPackage]]:

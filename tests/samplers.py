@@ -5,7 +5,7 @@ from functools import cache
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.catalogue import StaticModels, make_catalogue
+from semisynth_gl.scene.catalogue import ModelCatalogue, make_catalogue
 from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.static_scene import StaticScene, sample_static_scene
@@ -25,7 +25,7 @@ def sampler_of(config: Config, seed: int = 0, atlas_patches: tuple[Patch, ...] =
 
 
 @cache
-def catalogue() -> StaticModels:
+def catalogue() -> ModelCatalogue:
     """Build one model of each kind."""
     config = load_config("middlebury", ["models.variants=1"])
     return make_catalogue(build_library(config.models, config.particles, Split(0)))

@@ -78,7 +78,7 @@ def calibrate(
         scale: size of the images relative to the calibrated size, such as 0.5 for half the width.
         unit: unit of the translation, ``"mm"``, ``"cm"`` or ``"m"``; by default guessed from its length.
         calib_keys: for K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size, the name of that value in the files. It is for
-            files whose names are not recognised. Of all other values, only the size is used.
+            files whose names are not recognised. Of all other values, only the size and the lens model are used.
         cameras: the left and the right camera, such as ``("cam1", "cam2")``, if the calibration has more than two.
         alpha: the argument of OpenCV's stereoRectify, for a calibration without P1 and P2. 0 crops all borders, 1 keeps
             as much of the raw images as possible. The default is OpenCV's, with a view of at most 100 degrees for a

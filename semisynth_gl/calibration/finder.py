@@ -87,7 +87,7 @@ class StereoArrays:
 
 
 def find_stereo_arrays(
-    tree: Tree, source: str, cameras: Cameras = None, unit: str | None = None, size: ImageSize | None = None
+    tree: Tree, source: str, cameras: Cameras, unit: str | None, size: ImageSize | None
 ) -> StereoArrays:
     """Return the arrays of a rig in a tree; an array that the tree lacks is None.
 

@@ -1,7 +1,5 @@
 """Turns pydantic's errors about a config into messages with the place of each key."""
 
-from difflib import get_close_matches
-
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -9,7 +7,7 @@ from semisynth_gl.config.explain import config_keys
 from semisynth_gl.config.fields import ConfigError, ConfigSection
 from semisynth_gl.config.layers import ConfigLayer, holds, merged, undotted
 from semisynth_gl.config.yaml_values import KeyPath
-from semisynth_gl.inputs.errors import did_you_mean, shown
+from semisynth_gl.inputs.errors import did_you_mean, most_similar, shown
 
 # Our messages for errors in whose messages pydantic names Python types or tags, which a writer of YAML does not know.
 _YAML_TYPES = {
@@ -67,6 +65,6 @@ def _hint(key: KeyPath) -> str:
     """Return a question such as "did you mean X?" about keys with similar names."""
     fields = {name for section in ConfigSection.__subclasses__() for name in section.model_fields}
     fields -= {"given", "config"}  # fields of recipes that are no keys
-    similar = get_close_matches(str(key[-1]), fields, 1, 0.7)
+    similar = most_similar(str(key[-1]), fields)
     found = [each for each in config_keys() if each.rpartition(".")[2] in similar]
-    return did_you_mean("", (), "`semisynth-gl configs NAME` lists all keys of a config", found or similar)
+    return did_you_mean(found or similar, "`semisynth-gl configs NAME` lists all keys of a config")

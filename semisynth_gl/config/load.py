@@ -16,7 +16,7 @@ from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.layers import OVERRIDE, ConfigLayer, Values, merged
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import MOST_BYTES, KeyPath, YamlError, read_yaml
-from semisynth_gl.inputs.errors import InputError, cut, did_you_mean, shown
+from semisynth_gl.inputs.errors import InputError, cut, did_you_mean, most_similar, shown
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, read_file
 from semisynth_gl.plugins import BUILT_IN, find_plugin, installed_plugins
@@ -94,7 +94,7 @@ def _find_config(name: str) -> Path:
     stem, names = path.name.removesuffix(".yaml"), packaged_configs()
     if path.parent == Path() and stem in names:
         return Path(str(data_root("configs"))) / f"{stem}.yaml"
-    hint = did_you_mean(stem, names, f"expected a YAML file, or one of: {', '.join(names)}")
+    hint = did_you_mean(most_similar(stem, names), f"expected a YAML file, or one of: {', '.join(names)}")
     raise InputError(f"no such config: {cut(name)}; {hint}")
 
 

@@ -55,7 +55,7 @@ class LocalEngine:
 
     def run(self, job: DatasetJob, numbers: Sequence[int], listener: Listener) -> None:
         """Make shards; see `Engine.run`."""
-        remaining = [*numbers]
+        remaining = dict.fromkeys(numbers)  # a dict, since lists remove slowly
         for attempt in range(1, _POOLS + 1):
             try:
                 _run_pool(job, remaining, min(self._workers, len(remaining)), listener)
@@ -69,7 +69,7 @@ class LocalEngine:
                 return
 
 
-def _run_pool(job: DatasetJob, remaining: list[int], workers: int, listener: Listener) -> None:
+def _run_pool(job: DatasetJob, remaining: dict[int, None], workers: int, listener: Listener) -> None:
     """Make shards in a pool of processes that ends with the function; remove complete shards from ``remaining``."""
     # A forked process would inherit an OpenGL context that it cannot use.
     context, earlier = get_context("spawn"), {*active_children()}
@@ -79,7 +79,7 @@ def _run_pool(job: DatasetJob, remaining: list[int], workers: int, listener: Lis
             numbers = {executor.submit(_make, number): number for number in remaining}
         for future in as_completed(numbers):
             report_shard(job, numbers[future], future.result(), listener)
-            remaining.remove(numbers[future])
+            del remaining[numbers[future]]
     finally:
         executor.shutdown(wait=not remaining, cancel_futures=True)
         for process in {*active_children()} - earlier if remaining else ():

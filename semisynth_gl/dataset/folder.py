@@ -4,6 +4,7 @@ A run may be killed at any time: the next run makes the shards that have no reco
 """
 
 import fcntl
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -59,7 +60,7 @@ def holds_only_plan(root: UPath) -> bool:
     if not is_local(root):
         return False
     others = {*root.glob("*"), *root.glob(f"{SHARDS_FOLDER}/*")} - {root / SHARDS_FOLDER, root / LOCK}
-    return all(path.name.startswith((root / PLAN).name) for path in others)
+    return all(str(path).startswith(str(root / PLAN)) for path in others)
 
 
 def check_resumable(root: UPath, stored: DatasetPlan, plan: DatasetPlan) -> None:
@@ -162,7 +163,8 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[bool]:
     with file:
         try:
             fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-            busy = not path.exists()  # a run that finished removed it after it was opened here
+            # A run that finished may have removed the file after it was opened here, and another may have made it anew.
+            busy = not path.exists() or not os.path.samestat(os.fstat(file.fileno()), path.stat())
         except BlockingIOError:
             busy = True
         except OSError:  # a file system without locks

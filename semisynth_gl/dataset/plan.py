@@ -12,9 +12,9 @@ from semisynth_gl.config.errors import reason_of
 from semisynth_gl.dataset.documents import FORMAT, MOST_PAIRS, PROGRAM, DatasetPlan
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, shown
-from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
+from semisynth_gl.layouts import Layout, find_layout
 from semisynth_gl.layouts.layout import sequence_length
-from semisynth_gl.plugins import PluginPackage, plugin_packages
+from semisynth_gl.plugins import BUILT_IN, PluginPackage, plugin_packages
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 # Shards are small, since a run that is killed loses its unfinished shards.
@@ -103,7 +103,7 @@ def _conflict(config: Config, layout: Layout) -> str | None:
 def used_plugins(config: Config, layout_name: str) -> dict[str, dict[str, PluginPackage]]:
     """Return the records of a dataset's plug-ins; raises InputError if one is not installed."""
     used = [*config.used_plugins().values()]
-    if layout_name not in LAYOUTS:
+    if layout_name not in BUILT_IN["layouts"]:
         used.append(("layouts", layout_name))
     return plugin_packages(used)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from semisynth_gl.geometry import furniture, hardware, outdoors, plants, soft, solids, structures, vessels
 from semisynth_gl.geometry.mesh import Mesh, Parts, merged, normalised
-from semisynth_gl.inputs.errors import InputError, did_you_mean
+from semisynth_gl.inputs.errors import InputError, did_you_mean, most_similar
 
 
 def _build(kind: Callable[[np.random.Generator], Parts], rng: np.random.Generator) -> Mesh:
@@ -42,6 +42,6 @@ def kind_weights(given: Mapping[str, float]) -> dict[str, float]:
     known = [*SIMPLE_KINDS, *COMPLEX_KINDS]
     unknown = [kind for kind in given if kind not in known]
     if unknown:
-        hint = did_you_mean(unknown[0], known, f"expected some of: {', '.join(sorted(known))}")
+        hint = did_you_mean(most_similar(unknown[0], known), f"expected some of: {', '.join(sorted(known))}")
         raise InputError(f"models.kinds.{unknown[0]}: no such kind of model; {hint}")
     return dict.fromkeys(known, 1.0) | dict(given)

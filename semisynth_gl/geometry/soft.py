@@ -155,7 +155,7 @@ def _distances(points: Floats, limb: Limb) -> Floats:
     square = float((along * along).sum())
     share = np.clip((away * along).sum(axis=1) / square, 0, 1) if square > 0 else np.zeros(len(points))
     off = away - share[:, None] * along
-    return np.asarray(np.sqrt((off * off).sum(axis=1)) - (start_radius + (end_radius - start_radius) * share))
+    return np.asarray(lengths(off) - (start_radius + (end_radius - start_radius) * share))
 
 
 def _surface_nets(field: Field, low: Floats, high: Floats, cells: int) -> Mesh:

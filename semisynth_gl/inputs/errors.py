@@ -91,13 +91,15 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 'es' if noun.endswith('ch') else 's'}"
 
 
-def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", also: Iterable[str] = ()) -> str:
-    """Ask "did you mean ...?" with the known name that is most like a wrong name, and the names ``also``.
+def most_similar(name: str, known: Iterable[str]) -> list[str]:
+    """Return the known name that is most like a wrong name, in a list; an empty list if none is similar."""
+    return difflib.get_close_matches(name, list(known), 1, 0.7)
 
-    Return ``otherwise`` if no known name is similar and ``also`` is empty.
-    """
-    names = dict.fromkeys([*difflib.get_close_matches(name, list(known), 1, 0.7), *also])
-    return f"did you mean {' or '.join(names)}?" if names else otherwise
+
+def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:
+    """Ask "did you mean ...?" with these names; return ``otherwise`` if there are none."""
+    joined = " or ".join(names)
+    return f"did you mean {joined}?" if joined else otherwise
 
 
 def how_to_install(extra: str) -> str:

@@ -157,7 +157,7 @@ class _Correspondences:
         self.visible = np.ones(len(inside), bool) if self._mask is None else self._mask == VISIBLE
         self.one_surface, self.same = np.ones(len(inside), bool), np.ones(len(inside), bool)
         self._no_border = ~hidden_by_borders(frame, eye, channel, vectors, self.error_px)[1][self.pixels]
-        self._mask_name, self._eye, self._verdict = str(CHANNELS[channel].mask), eye, results
+        self._mask_name, self._eye, self._results = str(CHANNELS[channel].mask), eye, results
 
     def compare(self, check: str, measure: str, name: str, first: Floats, second: Floats, error_px: float) -> Where:
         """Compare an array of the first image with one of the second at the points; both are (H, W) or (H, W, C), px.
@@ -174,19 +174,19 @@ class _Correspondences:
             self.visible &= ~hidden
         bound = _RANGE_PX + error_px
         wrong = self.visible & ~(np.maximum(low - values, values - high) <= bound).all(axis=1)
-        self._verdict.measures[f"{measure}_outside_share"] = float(wrong.sum() / max(self.visible.sum(), 1))
+        self._results.measures[f"{measure}_outside_share"] = float(wrong.sum() / max(self.visible.sum(), 1))
         if _too_many(wrong, self.visible, _WRONG_SHARE):
             pixels = f"{wrong.sum()} of {self.visible.sum()} visible pixels"
-            self._verdict.add(check, f"{name}: {pixels} are off by more than {bound:.3g} px")
+            self._results.add(check, f"{name}: {pixels} are off by more than {bound:.3g} px")
         self.one_surface &= (high - low < 1).all(axis=1)
         differences, bound = np.abs(values - interpolate(around, *self.points)), _MEDIAN_PX + error_px
         self.same &= (differences < _SAME_PX + error_px).all(axis=1)
         compared = self.visible & self.one_surface
         if compared.sum() >= _MIN_PIXELS:
             median = float(np.median(differences[compared], axis=0).max())
-            self._verdict.measures[f"{measure}_median_px"] = median
+            self._results.measures[f"{measure}_median_px"] = median
             if not median <= bound:
-                self._verdict.add(check, f"{name}: the median difference is {median:.3g} px, over {bound:.3g} px")
+                self._results.add(check, f"{name}: the median difference is {median:.3g} px, over {bound:.3g} px")
         return np.asarray(hidden & np.isfinite(low).all(axis=1))
 
     def check_mask(self, seen: Where, hidden: Where) -> None:
@@ -195,11 +195,11 @@ class _Correspondences:
             return
         seen, hidden, name = seen & self._no_border, hidden & self._no_border, f"{self._mask_name}_{self._eye}"
         wrong = (seen & (self._mask != VISIBLE)) | (hidden & (self._mask != OCCLUDED))
-        self._verdict.measures[f"{name}_disagree_share"] = float(wrong.sum() / max((seen | hidden).sum(), 1))
+        self._results.measures[f"{name}_disagree_share"] = float(wrong.sum() / max((seen | hidden).sum(), 1))
         for state, where, share in (("visible", seen, _VISIBLE_SHARE), ("occluded", hidden, _OCCLUDED_SHARE)):
             if _too_many(wrong & where, where, share):
                 counts = f"{(wrong & where).sum()} of {where.sum()} pixels"
-                self._verdict.add(self._mask_name, f"{name}: {counts} that are {state} have a different value")
+                self._results.add(self._mask_name, f"{name}: {counts} that are {state} have a different value")
 
     def check_images(
         self, check: str, name: str, measure: str, image: Floats, other: Floats, *, imperfect: bool = False
@@ -232,20 +232,20 @@ class _Correspondences:
             levels = (levels - levels.mean()) * (warped.std() / levels.std()) + warped.mean()
         least = _EXPLAINED_IMPERFECT if imperfect else _EXPLAINED
         explained = float(1 - np.mean((levels - warped) ** 2) / max(warped.var(), 1))
-        self._verdict.measures[f"{measure}image_explained"] = explained
+        self._results.measures[f"{measure}image_explained"] = explained
         if explained < least:
             fault = f"the other image explains {explained:.0%} of the variance, not {least:.0%}"
-            self._verdict.add(check, f"{name}: {fault}")
+            self._results.add(check, f"{name}: {fault}")
             return
         for axis in "x" if level_rows else "xy":
             moved = (warp(step * (axis == "x"), step * (axis == "y")) for step in (-1, 0, 1))
             residuals = (float(np.minimum(abs(levels - there), _MOST_LEVELS).mean()) for there in moved)
             shift_px = _minimum_of_parabola(*residuals)
             if shift_px is not None:
-                self._verdict.measures[f"{measure}best_shift_{axis}_px"] = shift_px
+                self._results.measures[f"{measure}best_shift_{axis}_px"] = shift_px
                 if abs(shift_px) > _SHIFT_PX:
                     fault = f"the images fit best at a shift of {shift_px:+.2f} px in {axis}, over {_SHIFT_PX} px"
-                    self._verdict.add(check, f"{name}: {fault}")
+                    self._results.add(check, f"{name}: {fault}")
 
 
 def _vectors(frame: StoredFrame, eye: Eye, channel: str) -> tuple[Floats, float]:

@@ -211,7 +211,8 @@ def read_limits(path: Path) -> dict[str, Any]:
 def _keys(path: PurePath) -> list[str]:
     """Return the keys of a map: a/b/c.pfm has a/b/c, b/c and c.
 
-    A map a/b/disp0<METHOD>.pfm has a/b and b, unless only digits follow disp. The .disp of c.disp.pfm is dropped.
+    A map a/b/disp0<METHOD>.pfm has a/b and b. A name of disp and two or more digits is a number, not a method. The
+    .disp of c.disp.pfm is dropped.
     """
     named_by_folder = path.stem.startswith("disp0") and not re.fullmatch(r"disp\d{2,}", path.stem)
     path = path.parent if named_by_folder else path.with_suffix("")

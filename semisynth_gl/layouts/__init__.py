@@ -8,10 +8,7 @@ from semisynth_gl.layouts.layout import Layout, PairKey, view_stems
 from semisynth_gl.layouts.roles import NEEDED_ROLES
 from semisynth_gl.plugins import find_plugin, installed_plugins
 
-__all__ = ["LAYOUTS", "Layout", "PairKey", "find_layout", "layout_names", "view_stems"]
-
-LAYOUTS = tuple(sorted(BUILT_IN))
-"""The names of the built-in layouts."""
+__all__ = ["Layout", "PairKey", "find_layout", "layout_names", "view_stems"]
 
 
 def layout_names() -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_set import DrawnPair
 from semisynth_gl.render.targets import CORRESPONDENCE, VISIBILITY, Targets
-from semisynth_gl.render.work_list_steps import WorkListShader
+from semisynth_gl.render.work_list_shader import WorkListShader
 
 _TILE_PX = 4
 # Room in the visibility pass's work lists for each tile: the tile in one list, its pixels in the other one.

@@ -17,7 +17,7 @@ from semisynth_gl.render.programs import link_meshes
 from semisynth_gl.render.resources import RenderResources
 from semisynth_gl.render.target_set import DrawnPair
 from semisynth_gl.render.targets import FLOW, Targets
-from semisynth_gl.render.work_list_steps import WorkListShader
+from semisynth_gl.render.work_list_shader import WorkListShader
 from semisynth_gl.scene.scene import SceneMotion
 
 MOVE = np.dtype([

@@ -38,7 +38,7 @@ _STRIP_NEARER = 1.032
 
 
 @dataclass(frozen=True, slots=True)
-class TriangleClusters:
+class _TriangleClusters:
     """The triangles of all M models in K clusters of about 128 successive triangles, model by model."""
 
     corners: NDArray[np.float64]  # (K, 8, 3) corners of the clusters' bounding boxes, in model units
@@ -61,7 +61,7 @@ class OcclusionCuller:
         self._program = link_program(context, "mesh.vert", "mesh.frag", {})
 
     @cached_property
-    def _clusters(self) -> TriangleClusters:
+    def _clusters(self) -> _TriangleClusters:
         corners, first_triangle, triangles = [], [], []
         for mesh in self._models.meshes:
             begin = np.arange(0, max(1, len(mesh.triangles) - _CLUSTER_TRIANGLES // 2), _CLUSTER_TRIANGLES)
@@ -73,7 +73,7 @@ class OcclusionCuller:
             triangles.append(np.diff(begin, append=len(mesh.triangles)))
         count = np.array([len(begin) for begin in first_triangle])
         parts = np.concatenate(corners), np.concatenate(first_triangle), np.concatenate(triangles)
-        return TriangleClusters(*parts, np.cumsum(count) - count, count)
+        return _TriangleClusters(*parts, np.cumsum(count) - count, count)
 
     def pays_off(self, transforms: InstanceTransforms) -> bool:
         """Return whether the uploaded instances have enough triangles for `cull` to save time."""

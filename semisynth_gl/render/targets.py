@@ -23,7 +23,7 @@ class Attachment:
 
     components: int  # components that are read back
     kind: str  # moderngl's name for the components' type, such as "f4"
-    nothing: float  # value in pixels that show nothing
+    fill: float  # value in pixels that show nothing
 
 
 def _attachments(pass_name: str) -> dict[str, Attachment]:
@@ -197,13 +197,13 @@ class EyeTargets(Targets):
         return super().read(name, crop)
 
     def clear(self, *, depth: bool = True) -> None:
-        """Bind the drawing pass's framebuffer; clear each attachment to its ``nothing`` and, by default, the depth."""
+        """Bind the drawing pass's framebuffer; clear each attachment to its ``fill`` and, by default, the depth."""
         self.framebuffer.use()
         for number, attachment in enumerate(self.attachments.values()):
             if attachment.kind.startswith("u"):
-                self._functions.clear_unsigned(number, int(attachment.nothing))
+                self._functions.clear_unsigned(number, int(attachment.fill))
             else:
-                self._functions.clear_float(number, attachment.nothing)
+                self._functions.clear_float(number, attachment.fill)
         if depth:
             self._functions.clear_depth(0.0)
 

@@ -76,11 +76,11 @@ SURFACE_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StaticModels:
-    """The M models of static instances, `SURFACE_MODELS` and then the library's models, and their extents."""
+class ModelCatalogue:
+    """The M models of scenes, `SURFACE_MODELS` and then the library's models, and their bounding boxes."""
 
     models: tuple[Mesh, ...]
-    by_name: Mapping[str, Ints]  # for each kind, the numbers of the library's models that may be chosen
+    by_name: Mapping[str, Ints]  # for each kind, the library's models that static instances may have
     low: Floats  # (M, 3) the lower corner of each model's bounding box, model units
     high: Floats  # (M, 3) the opposite corner
     uv_low: Floats  # (M, 2) the lowest UV of each model
@@ -91,7 +91,7 @@ class StaticModels:
         return np.asarray(self.high[number] - self.low[number])
 
 
-def make_catalogue(library: ModelLibrary) -> StaticModels:
+def make_catalogue(library: ModelLibrary) -> ModelCatalogue:
     """Return the catalogue of the surface models and a library's models."""
     chosen = library.sampled[library.chances > 0]
     names = np.array([library.models[number].name for number in chosen])
@@ -101,4 +101,4 @@ def make_catalogue(library: ModelLibrary) -> StaticModels:
         np.array([(array.min(axis=0), array.max(axis=0)) for array in arrays], np.float64).swapaxes(0, 1)
         for arrays in ([mesh.positions for mesh in models], [mesh.uv for mesh in models])
     )
-    return StaticModels(models, by_name, *boxes, *uv)
+    return ModelCatalogue(models, by_name, *boxes, *uv)

@@ -35,7 +35,7 @@ from semisynth_gl.geometry.relief import MeanModelRelief
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats, Ints
-from semisynth_gl.scene.catalogue import StaticModels
+from semisynth_gl.scene.catalogue import ModelCatalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import ParticleLayer, ParticleSizes, expected_cover, expected_in_view, stated_sizes
 from semisynth_gl.scene.rig import SequenceRig
@@ -105,7 +105,7 @@ class DisparitySolver:
         config: Config,
         seed: int,
         relief: MeanModelRelief,
-        catalogue: StaticModels,
+        catalogue: ModelCatalogue,
         wanted: Histogram | None = None,
     ) -> None:
         self._config, self._seed, self._relief, self._catalogue = config, seed, relief, catalogue
@@ -273,7 +273,7 @@ def poisson_counts(mean: Floats, quantile: Floats) -> Ints:
     return np.asarray((below <= quantile[:, None]).sum(axis=1))
 
 
-def sample_pilots(config: Config, seed: int, catalogue: StaticModels) -> list[PilotScene]:
+def sample_pilots(config: Config, seed: int, catalogue: ModelCatalogue) -> list[PilotScene]:
     """Sample the 32 pilot scenes of a recipe, or load them from the cache; raises as `sample_static_scene` does.
 
     Each process that renders a dataset needs them before its first pair, and furnishing a room takes longer than

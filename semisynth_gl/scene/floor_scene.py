@@ -12,7 +12,7 @@ from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.rotations import about_z
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.background import OVERLAP
-from semisynth_gl.scene.catalogue import FACE, SURFACE_MODELS, Corner, StaticModels
+from semisynth_gl.scene.catalogue import FACE, SURFACE_MODELS, Corner, ModelCatalogue
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
 from semisynth_gl.scene.rig import SequenceRig
 
@@ -52,7 +52,7 @@ class FloorSceneBuilder:
 
     rig: SequenceRig
     camera_from_floor: Floats  # (4, 4), metres
-    catalogue: StaticModels
+    catalogue: ModelCatalogue
     metre: float  # metres that 1 m of the room or street takes after scaling; 1 without scaling
     rng: np.random.Generator
     farthest_m: float = np.inf  # intended maximum depth in all views

@@ -39,7 +39,7 @@ class ParticleSlots:
     phase: Floats  # (S,) age at time 0, in periods, in [0, 1)
     path_m: Floats  # (S,) length of the path of a model without drift
     nearer_m: Floats  # (S,) how much nearer than the path's middle a model may come; 0 or less: the slot shows nothing
-    extent: VerticalViewLimits  # where both views end above and below
+    limits: VerticalViewLimits  # where both views end above and below
     resting: Mapping[int, Floats] = field(default_factory=dict)  # by slot, the pose (4, 4) of a model at rest
 
     def __len__(self) -> int:
@@ -149,36 +149,36 @@ def _release_width_px(camera: StereoCamera, disparity_px: Floats, radius_px: Flo
 
 def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
     """Return the lengths, px, of the paths of particles through both views of a rig without sway; any shape."""
-    extent = vertical_view_limits(SequenceRig((camera,)))
-    return np.asarray((extent.bottom - extent.top) * camera.focal_px + sum(extent.secants) * radius_px)
+    limits = vertical_view_limits(SequenceRig((camera,)))
+    return np.asarray((limits.bottom - limits.top) * camera.focal_px + sum(limits.secants) * radius_px)
 
 
 def sample_slots(
-    rig: SequenceRig, section: ParticlesSection, batches: Sequence[ParticleLayer], rng: np.random.Generator
+    rig: SequenceRig, section: ParticlesSection, layers: Sequence[ParticleLayer], rng: np.random.Generator
 ) -> ParticleSlots:
-    """Sample the slots of one sequence, one for each particle of the batches.
+    """Sample the slots of one sequence, one for each particle of the layers.
 
-    If all batches together have more than ``section.most`` particles, all are reduced in proportion. Models whose
+    If all layers together have more than ``section.most`` particles, all are reduced in proportion. Models whose
     radius along the viewing axis would exceed ``rig.relief_px`` are flattened.
     """
     camera = rig.camera
-    counts = np.array([batch.number for batch in batches], np.int64)
+    counts = np.array([layer.number for layer in layers], np.int64)
     if counts.sum() > section.most:
         counts = counts * section.most // counts.sum()
-    low = np.repeat([batch.disparity_px.low for batch in batches], counts)
-    high = np.repeat([batch.disparity_px.high for batch in batches], counts)
+    low = np.repeat([layer.disparity_px.low for layer in layers], counts)
+    high = np.repeat([layer.disparity_px.high for layer in layers], counts)
     total = len(low)
     disparity = low + (high - low) * rng.random(total)
     quantile = rng.random(total)
     radius = np.empty(total)
-    for batch, count, end in zip(batches, counts, np.cumsum(counts), strict=True):
+    for layer, count, end in zip(layers, counts, np.cumsum(counts), strict=True):
         rows = slice(end - count, end)
-        radius[rows] = batch.sizes.radius_px(camera, disparity[rows], quantile[rows])
+        radius[rows] = layer.sizes.radius_px(camera, disparity[rows], quantile[rows])
     speed = section.fall_m_s.sample_many(rng, total)
     phase = rng.random(total)
     depth = camera.depth_m(disparity)
-    radius_m, extent = radius * depth / camera.focal_px, vertical_view_limits(rig)
-    path = (extent.bottom - extent.top) * depth + sum(extent.secants) * (radius_m + extent.reach_m)
+    radius_m, limits = radius * depth / camera.focal_px, vertical_view_limits(rig)
+    path = (limits.bottom - limits.top) * depth + sum(limits.secants) * (radius_m + limits.reach_m)
     width = _release_width_px(camera, disparity, radius)
     # Upper limit of a model's distance from the optical axis.
     aside = np.hypot(width * depth / camera.focal_px, path) * (1 + section.drift.high)
@@ -186,13 +186,13 @@ def sample_slots(
     nearer = depth - least_sphere_depth_m(rig, radius_m * flatness, aside)
     # In a narrow range of disparities, the drift in depth has the same limit as a model's relief.
     nearer = np.minimum(nearer, rig.relief_px * depth / camera.focal_px)
-    return ParticleSlots(depth, disparity, radius, flatness, path / speed, phase, path, nearer, extent)
+    return ParticleSlots(depth, disparity, radius, flatness, path / speed, phase, path, nearer, limits)
 
 
-def sample_start(
+def sample_generation(
     camera: StereoCamera, section: ParticlesSection, slots: ParticleSlots, rng: np.random.Generator
 ) -> ParticleGeneration:
-    """Sample the start of every slot's model of one generation."""
+    """Sample the random values of one generation."""
     total = len(slots)
     width = _release_width_px(camera, slots.disparity_px, slots.radius_px)
     # With a negative disparity, the right view shows particles to the left of the left view.
@@ -211,13 +211,13 @@ def sample_start(
 def particle_poses(
     camera: StereoCamera,
     slots: ParticleSlots,
-    starts: Callable[[int], ParticleGeneration],
+    generations: Callable[[int], ParticleGeneration],
     time_s: float,
     generation: Ints,
 ) -> Floats:
     """Pose one model of every slot at any time.
 
-    ``generation`` (S,) has the number of each slot's model. ``starts`` returns the start of all slots' models of one
+    ``generation`` (S,) has the number of each slot's model. ``generations`` returns the random values of a
     generation. Before and after the time in which its slot shows a model, the model is on the extension of its path.
 
     Returns:
@@ -229,22 +229,22 @@ def particle_poses(
     matrix = np.tile(np.eye(4), (len(slots), 1, 1))
     centre = matrix[:, :3, 3]
     radius_m = slots.radius_m(camera)
-    (top_secant, bottom_secant), margin_m = slots.extent.secants, radius_m + slots.extent.reach_m
+    (top_secant, bottom_secant), margin_m = slots.limits.secants, radius_m + slots.limits.reach_m
     nearer_m = np.maximum(slots.nearer_m, 0.0)
     for number in np.unique(generation):
         k = np.flatnonzero(generation == number)
-        start = starts(int(number))
-        drift_m = start.drift[k] * slots.path_m[k, None]
+        values = generations(int(number))
+        drift_m = values.drift[k] * slots.path_m[k, None]
         recedes_m = np.clip(drift_m[:, 1], -2 * nearer_m[k], 2 * nearer_m[k])
         first_m, last_m = slots.depth_m[k] - recedes_m / 2, slots.depth_m[k] + recedes_m / 2
-        begin = slots.extent.top * first_m - top_secant * margin_m[k]
-        end = slots.extent.bottom * last_m + bottom_secant * margin_m[k]
-        centre[k, 0] = (start.middle_px[k] - camera.cx_left_px) * m_per_px[k] + (age[k] - 0.5) * drift_m[:, 0]
+        begin = slots.limits.top * first_m - top_secant * margin_m[k]
+        end = slots.limits.bottom * last_m + bottom_secant * margin_m[k]
+        centre[k, 0] = (values.middle_px[k] - camera.cx_left_px) * m_per_px[k] + (age[k] - 0.5) * drift_m[:, 0]
         centre[k, 1] = begin + age[k] * (end - begin)
         centre[k, 2] = slots.depth_m[k] + (age[k] - 0.5) * recedes_m
-        angle = start.spin_rad_s[k] * age[k] * slots.period_s[k]
-        rotation = rotations_about(start.axis[k], angle) @ rotations_from_quaternions(start.quaternion[k])
-        matrix[k, :3, :3] = rotation * (start.scale[k] * radius_m[k, None])[:, None, :]
+        angle = values.spin_rad_s[k] * age[k] * slots.period_s[k]
+        rotation = rotations_about(values.axis[k], angle) @ rotations_from_quaternions(values.quaternion[k])
+        matrix[k, :3, :3] = rotation * (values.scale[k] * radius_m[k, None])[:, None, :]
     # Flatten along the optical axis without sway, so that a model keeps its shape as the camera moves.
     matrix[:, 2, :3] *= slots.flatness[:, None]
     for slot, pose in slots.resting.items():

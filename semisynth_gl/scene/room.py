@@ -6,7 +6,7 @@ from semisynth_gl.config import Config, Range
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.background import sample_wall_px
-from semisynth_gl.scene.catalogue import DOORWAY_HOLES, DOORWAYS, NICHE_HOLES, NICHES, Corner, StaticModels
+from semisynth_gl.scene.catalogue import DOORWAY_HOLES, DOORWAYS, NICHE_HOLES, NICHES, Corner, ModelCatalogue
 from semisynth_gl.scene.floor_scene import FloorSceneBuilder, Wall, camera_over_floor
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import SequenceRig
@@ -24,7 +24,7 @@ _SHALLOWEST_M = 0.3
 
 
 def sample_room(
-    config: Config, rig: SequenceRig, catalogue: StaticModels, rng: np.random.Generator
+    config: Config, rig: SequenceRig, catalogue: ModelCatalogue, rng: np.random.Generator
 ) -> FloorSceneBuilder:
     """Sample a furnished room; everything that a view shows of it is beyond the near plane."""
     section, background, camera = config.room, config.background, rig.camera

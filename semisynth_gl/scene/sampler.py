@@ -14,7 +14,7 @@ from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.catalogue import SURFACE_MODELS, make_catalogue
 from semisynth_gl.scene.disparity_solver import DisparitySolver
 from semisynth_gl.scene.instances import INSTANCE, Instances, PatchAssignment, choose, new_instances, to_scene
-from semisynth_gl.scene.particles import ParticleGeneration, particle_poses, sample_slots, sample_start
+from semisynth_gl.scene.particles import ParticleGeneration, particle_poses, sample_generation, sample_slots
 from semisynth_gl.scene.projector import sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.scene import Scene, SceneMotion
@@ -54,7 +54,7 @@ class SceneSampler:
         self.catalogue = make_catalogue(library)
         self.models = self.catalogue.models  # `Scene.model` indexes them: the surface models, then the library's
         self.disparity_solver = DisparitySolver(config, seed, library.relief, self.catalogue, wanted)
-        self.mapping = PatchAssignment(config.textures, patches)
+        self.patch_assignment = PatchAssignment(config.textures, patches)
         self.particle_models = len(SURFACE_MODELS) + library.sampled
         self.chances = np.cumsum(library.chances)
         self._latest: SequenceSampler | None = None
@@ -86,15 +86,15 @@ class SequenceSampler:
         rig, rng = static.rig, self._generator(Purpose.PARTICLES, 0)
         # The sequence's number determines the numbers of particles; see step 5 of the solver. A repeated attempt uses a
         # number that no dataset reaches, so that they differ.
-        batches = sampler.disparity_solver.sample(number + _REDONE * attempt, rig.camera, static.bare_px, rng)
-        self.slots = sample_slots(rig, config.particles, batches, rng)
+        layers = sampler.disparity_solver.sample(number + _REDONE * attempt, rig.camera, static.bare_px, rng)
+        self.slots = sample_slots(rig, config.particles, layers, rng)
         section = config.projector
         self.projector = None if section is None else sample_projector(section, self._generator(Purpose.PROJECTOR))
         self.slots = replace(self.slots, resting=self._resting_poses())
 
     def sample(self, frame: int, view: int) -> "SampledScene":
         """Sample the scene of a frame with the camera of a right view; the frame may be outside of the sequence."""
-        static, rig, mapping = self.static, self.static.rig, self.sampler.mapping
+        static, rig, patch_assignment = self.static, self.static.rig, self.sampler.patch_assignment
         table = np.concatenate([static.instances, self._particles(frame)], dtype=INSTANCE)
         # No two particles share a texture.
         count = len(static.instances)
@@ -102,8 +102,8 @@ class SequenceSampler:
         slot, generation = table["slot"][count:], table["generation"][count:]
         static_uniform = self._generator(Purpose.TEXTURE, 0).random((count, 4))
         slot_uniform = self._per_slot(Purpose.TEXTURE, generation, slot, 4)
-        mapping.apply(table, np.concatenate([static_uniform, slot_uniform]), rig.camera)
-        layer, pose = mapping.layers(table["patch"], self.number, frame), self.camera_from_world(frame)
+        patch_assignment.apply(table, np.concatenate([static_uniform, slot_uniform]), rig.camera)
+        layer, pose = patch_assignment.layers(table["patch"], self.number, frame), self.camera_from_world(frame)
         scene = to_scene(table, rig.views[view], rig.near_m, pose, layer, self.projector)
         return SampledScene(scene, table, self, frame, view)
 
@@ -115,10 +115,12 @@ class SequenceSampler:
         """Return the poses (S, 4, 4) at a frame of all slots' models of given generations (S,)."""
         config, camera = self.sampler.config, self.static.rig.camera
 
-        def starts(number: int) -> ParticleGeneration:
-            return sample_start(camera, config.particles, self.slots, self._of_generation(Purpose.PARTICLES, number))
+        def generation_values(number: int) -> ParticleGeneration:
+            return sample_generation(
+                camera, config.particles, self.slots, self._of_generation(Purpose.PARTICLES, number)
+            )
 
-        return particle_poses(camera, self.slots, starts, frame * config.sequence.frame_s, generation)
+        return particle_poses(camera, self.slots, generation_values, frame * config.sequence.frame_s, generation)
 
     def _particles(self, frame: int) -> Instances:
         """Return the table of a frame's particles, falling and resting."""

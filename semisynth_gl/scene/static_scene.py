@@ -10,7 +10,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.background import BackgroundKind, lay_ground, sample_cuboid, sample_kind, sample_plane
-from semisynth_gl.scene.catalogue import CURVED_PANEL, FACE, GROUND, SURFACE_MODELS, StaticModels
+from semisynth_gl.scene.catalogue import CURVED_PANEL, FACE, GROUND, SURFACE_MODELS, ModelCatalogue
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
 from semisynth_gl.scene.left_view import GRID, measure_left_view
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig, sample_rig
@@ -34,7 +34,7 @@ class StaticScene:
 
 
 def sample_static_scene(
-    config: Config, catalogue: StaticModels, generator_for: Callable[[Purpose], np.random.Generator]
+    config: Config, catalogue: ModelCatalogue, generator_for: Callable[[Purpose], np.random.Generator]
 ) -> StaticScene:
     """Sample the static scene of one sequence.
 

@@ -8,7 +8,7 @@ from semisynth_gl.config import Config, Range
 from semisynth_gl.config.scene_sections import StreetSection
 from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene.background import lay_ground, sample_plane
-from semisynth_gl.scene.catalogue import FACE, GROUND, SURFACE_MODELS, StaticModels
+from semisynth_gl.scene.catalogue import FACE, GROUND, SURFACE_MODELS, ModelCatalogue
 from semisynth_gl.scene.floor_scene import Diameters, FloorSceneBuilder, camera_over_floor
 from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.view_volume import smallest_offsets
@@ -37,7 +37,7 @@ _Span = tuple[float, float]
 
 
 def sample_street(
-    config: Config, rig: SequenceRig, catalogue: StaticModels, rng: np.random.Generator, *, sky: bool = False
+    config: Config, rig: SequenceRig, catalogue: ModelCatalogue, rng: np.random.Generator, *, sky: bool = False
 ) -> FloorSceneBuilder:
     """Sample a street; everything that a view shows of it is beyond the near plane.
 

@@ -145,7 +145,7 @@ class VerticalViewLimits(NamedTuple):
 
 
 def vertical_view_limits(rig: SequenceRig) -> VerticalViewLimits:
-    """Return the vertical extent of a rig's views."""
+    """Return the vertical limits of a rig's views."""
     rays, sway = corner_rays(rig.camera), rig.sway
     angles = np.arctan2(rays[:, 1], rays[:, 2])
     low, high = float(angles.min()), float(angles.max())

@@ -528,6 +528,9 @@ def test_cameras_that_are_rectified_already_have_no_lens(tmp_path):
     p1, p2 = (values[f"P{n}"] for n in "12")
     values |= {"R1": np.eye(3), "R2": np.eye(3), "K1": p1[:, :3], "K2": p2[:, :3], "D1": np.zeros(5), "D2": np.zeros(5)}
     assert read(tmp_path, values | IMAGE).raw is None
+    # K of undistorted images beside K of the camera
+    rig = read(tmp_path, eyes_of(K1, {"D": FIVE[0], "K_rect": K1 * [[0.9], [0.9], [1]]}) | IMAGE)
+    np.testing.assert_array_equal(rig.raw["left"].matrix, K1)
     # R and T of both cameras are their poses, not R1 and R2.
     eyes = {
         eye: {"P": values[f"P{n}"], "K": k, "D": FIVE[0], "R": turn, "T": shift}
@@ -572,21 +575,17 @@ def test_coefficients_that_are_not_understood_are_refused(tmp_path, values):
 
 
 def test_sizes_of_boards_and_exchanged_sides_are_not_those_of_images(tmp_path):
-    for other in (
-        {"checkerboard": {"rows": 6, "cols": 9}},
-        {"pattern_size": [9, 6]},
-        {"nx": 9, "ny": 6},
-        {"calibBoard": {"size": [9, 6]}},
-    ):
+    others = {"pattern_size": [9, 6]}, {"nx": 9, "ny": 6}, {"calibBoard": {"size": [9, 6]}}
+    for other in ({"checkerboard": {"rows": 6, "cols": 9}}, *others):
         assert read(tmp_path, eyes_of(K1, {"D": FIVE[0]}) | other, photographed=ImageSize(*SIZE)).size == SIZE
     assert read(tmp_path, eyes_of(K1, {"D": FIVE[0]}, image_size=SIZE[::-1])).size == SIZE
     assert read(tmp_path, eyes_of(K1, {"D": FIVE[0]}, onboard={"image_size": SIZE})).size == SIZE
 
 
 def test_r_and_t_may_be_printed_with_six_digits_or_be_in_a_file_of_the_right_camera(tmp_path):
-    vector = cv2.Rodrigues(R)[0].ravel()
+    printed = [[0.999998, -0.001234, 0.001567], [0.001236, 0.999998, -0.000789], [-0.001566, 0.000791, 0.999998]]
+    assert read(tmp_path, eyes_of(K1, {"D": FIVE[0]}, R=printed, om=[0.00079, 0.001567, 0.001235]) | IMAGE).raw
     values = {"K1": K1, "D1": FIVE[0], "K2": K2, "D2": FIVE[1], "T": T}
-    check(read(tmp_path, values | IMAGE | {"R": R, "om": np.round(vector, 6)}))
     files = {"intrinsics.json": {key: values[key] for key in ("K1", "D1", "K2", "D2")} | IMAGE}
     check(read(tmp_path, files | {"extrinsics2.json": {"R": R, "T": T}}))
 
@@ -602,6 +601,7 @@ def test_no_value_of_a_text_or_xml_file_hides_another(tmp_path):
         ("a.txt", "K\n1 2\n# rows\n3 4\n", {("K",): [1, 2, 3, 4]}),
         ("b.txt", "[left]\n1 2\n1 2 3\n", {("left", "numbers"): [1, 2], ("left", "numbers'"): [1, 2, 3]}),
         ("c.xml", "<a><b><_>1</_><_>2</_></b></a>", {("b",): [1, 2]}),
+        ("d.xml", "<a><b>1 2</b><b>3</b><c>4</c></a>", {("b", "0"): [1, 2], ("b", "1"): [3], ("c",): [4]}),
     ):
         (path,) = write(tmp_path, {name: text})
         assert {key: value.tolist() for key, value in read_tree(path).items()} == expected
@@ -675,15 +675,23 @@ def test_the_translation_corrects_projections_of_a_different_baseline(tmp_path):
         ("distortion_model: unknown", None),
     ],
 )
-def test_a_file_names_its_lens(tmp_path, line, model):
+@pytest.mark.parametrize("d", [FISHEYE, np.append(FISHEYE, 0)])
+def test_a_file_names_its_lens(tmp_path, line, model, d):
     wide = np.diag([0.3, 0.3, 1]) @ K1
-    values = RAW | {"K1": wide, "D1": FISHEYE, "K2": wide, "D2": FISHEYE}
+    values = RAW | {"K1": wide, "D1": d, "K2": wide, "D2": d}
     files = {"rig.yaml": f"{line}\nrig: {json.dumps(values, default=np.ndarray.tolist)}"}
     if model is None:
         with pytest.raises(ReadError, match="a wide lens with 4 coefficients may be"):
             read(tmp_path, files, size=ImageSize(*SIZE))
     else:
         assert read(tmp_path, files, size=ImageSize(*SIZE), alpha=0).raw["left"].model == model
+
+
+def test_an_npz_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("semisynth_gl.calibration.tree._LARGEST_NUMPY", 2000)
+    np.savez_compressed(tmp_path / "rig.npz", K1=np.zeros(1000))
+    with pytest.raises(ReadError, match="has arrays of 0 MiB"):
+        read_rig([tmp_path / "rig.npz"])
 
 
 def test_what_is_concluded_is_noted(tmp_path):

@@ -102,10 +102,19 @@ def test_a_run_that_is_alone_replaces_a_plan_for_which_nothing_was_made(tmp_path
         with pytest.raises(InputError, match="another run") if others else nullcontext():
             assert generate(config, tmp_path, 1, 2, shards=range(1)).plan.layout_name == "middlebury"
         assert (read_plan(root) == plan) == others
+    if not others:
+        with pytest.raises(InputError, match="seed"):  # now there is a pair
+            generate(config, tmp_path, 1, 3, shards=range(1))
 
 
-def test_a_lock_that_another_run_removed_meanwhile_locks_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(fcntl, "flock", lambda *_: (tmp_path / LOCK).unlink())
+@pytest.mark.parametrize("made_anew", [False, True])
+def test_a_lock_that_another_run_removed_meanwhile_locks_nothing(tmp_path, monkeypatch, made_anew):
+    def flock(*_):
+        (tmp_path / LOCK).unlink()
+        if made_anew:
+            (tmp_path / LOCK).touch()
+
+    monkeypatch.setattr(fcntl, "flock", flock)
     with pytest.raises(InputError, match="another run"), locked(open_root(tmp_path)):
         pass
 

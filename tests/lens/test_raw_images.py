@@ -85,7 +85,7 @@ def test_a_raw_image_is_black_beyond_the_rectified_view_alone():
 
 
 @st.composite
-def _chains(draw):
+def _lenses(draw):
     """Sample a rectified camera, a raw camera whose view may be larger or smaller on any side, and a border."""
     camera = StereoCamera(40, 30, draw(st.floats(15, 60)), 0.1, 19.0, 21.0, 14.5)
     width, height = draw(st.integers(2, 60)), draw(st.integers(2, 50))
@@ -107,7 +107,7 @@ BEHIND = RawCamera(60, 50, 15, 15, 30, 25, "fisheye", (0.0, 0, 0, 0), rotation_o
 
 
 @pytest.mark.filterwarnings("error")
-@given(_chains(), st.integers(0, 99))
+@given(_lenses(), st.integers(0, 99))
 @example((BEHIND, StereoCamera(40, 30, 20.0, 0.1, 19.0, 21.0, 14.5), "black"), 0)
 @example((NARROW, StereoCamera(40, 30, 54.0, 0.1, 19.0, 21.0, 14.5), "black"), 0)
 def test_any_raw_image_has_all_that_its_rectification_reads(made, seed):

@@ -20,8 +20,8 @@ from semisynth_gl.frame.camera import RECTIFIED
 from semisynth_gl.frame.channels import SKY
 from semisynth_gl.judge.evaluate import evaluate
 from semisynth_gl.judge.protocol import PROTOCOLS
-from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.plugins import BUILT_IN
 
 SEED = 3
 RIG = {"right_roll_deg": [-1, 1], "right_pitch_deg": [-1, 1], "right_y_px": [-2, 2], "focal_ratio": [0.99, 1.01]}
@@ -57,7 +57,7 @@ KINDS = {
         lambda: several(sequence={"length": 2, "frame_s": 0.1}, outputs=["visibility", "depth", "flow"]),
         "sceneflow",
     ),
-    **{f"fx != fy, {layout}": (lambda: cheap(**RATIO), layout) for layout in LAYOUTS},
+    **{f"fx != fy, {layout}": (lambda: cheap(**RATIO), layout) for layout in BUILT_IN["layouts"]},
     "fx != fy, deviating": (
         lambda: cheap(**RATIO, rig=RIG, outputs=["visibility", "correspondence", "flow"], sequence={"length": 2}),
         "middlebury",

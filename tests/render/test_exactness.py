@@ -245,5 +245,5 @@ def test_an_edge_of_many_small_triangles_hides_from_where_it_lies(open_renderer,
 def test_masks_do_not_depend_on_how_many_work_at_a_time(open_renderer, monkeypatch, shared_at_once):
     scene = one_model(CAMERA, [wall(CAMERA, 4.0), *(facing(CAMERA, 20 * k, 9, 9.3, 60.2, 1 + k) for k in range(5))])
     expected = open_renderer([SQUARE], noise_layers(1, 16)).render(scene)
-    monkeypatch.setattr("semisynth_gl.render.work_list_steps._GROUPS_ON_SOFTWARE", shared_at_once)
+    monkeypatch.setattr("semisynth_gl.render.work_list_shader._GROUPS_ON_SOFTWARE", shared_at_once)
     assert_equal(open_renderer([SQUARE], noise_layers(1, 16)).render(scene), expected)

@@ -23,7 +23,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import RecipeMixSampler
-from semisynth_gl.scene.particles import ParticleSlots, sample_start
+from semisynth_gl.scene.particles import ParticleSlots, sample_generation
 from semisynth_gl.scene.rig import SequenceRig, near_depth_m, sample_cameras
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.scene.view_volume import vertical_view_limits
@@ -320,7 +320,7 @@ def test_particles_come_into_both_views_at_any_disparity():
     camera = StereoCamera.centred(100, 60, 50.0, 0.1, doffs_px=40.0)
     values = (np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 1.0, 0.5, 1.0, 1.0))
     slots = ParticleSlots(*values, vertical_view_limits(SequenceRig((camera,))))
-    start = sample_start(camera, ParticlesSection(), slots, np.random.default_rng(0)).middle_px
+    start = sample_generation(camera, ParticlesSection(), slots, np.random.default_rng(0)).middle_px
     # With a negative disparity, points at the right view's left border are left of the left view.
     assert start.min() == pytest.approx(-30 - 5 - 0.5, abs=0.3)
     assert start.max() == pytest.approx(100 + 5 - 0.5, abs=0.3)

@@ -11,7 +11,7 @@ from scenes import assert_equal
 from semisynth_gl import oracle
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, RENDERED_OUTPUTS, SKY, VISIBLE
-from semisynth_gl.render import work_list_steps
+from semisynth_gl.render import work_list_shader
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import RayHits, cast_rays
 from semisynth_gl.scene.scene import move
@@ -282,5 +282,5 @@ def test_bands_and_crops_are_parts_of_the_whole(backend, name, monkeypatch):
     for most_pixels, crop in ((1 << 21, Crop(23, 31, 50, 4)), (900, None), (900, Crop(61, 3, 59, 87))):
         # Render an empty scene to clear the earlier image.
         assert not render(nothing, backend).left.image.any()
-        monkeypatch.setattr(work_list_steps, "_MOST_PIXELS", most_pixels)
+        monkeypatch.setattr(work_list_shader, "_MOST_PIXELS", most_pixels)
         assert_equal(render(case, backend, crop), whole, crop)

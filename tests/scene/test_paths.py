@@ -11,7 +11,7 @@ from samplers import still_rig
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.scene.particles import ParticleLayer, particle_poses, sample_slots, sample_start, stated_sizes
+from semisynth_gl.scene.particles import ParticleLayer, particle_poses, sample_generation, sample_slots, stated_sizes
 from semisynth_gl.scene.rig import CameraSway
 
 CAMERA = StereoCamera(600, 400, 700.0, 0.2, 280.0, 320.0, 190.0)
@@ -35,7 +35,7 @@ def slots_of(rig, section, *ranges, seed=2):
     """Sample slots of `COUNT` particles for each disparity range; also return a function that starts a generation."""
     batches = [ParticleLayer(Range(*ends), COUNT, stated_sizes(section)) for ends in ranges]
     slots = sample_slots(rig, section, batches, np.random.default_rng(seed))
-    return slots, lambda number: sample_start(rig.camera, section, slots, np.random.default_rng([3, number]))
+    return slots, lambda number: sample_generation(rig.camera, section, slots, np.random.default_rng([3, number]))
 
 
 def stream(**options):

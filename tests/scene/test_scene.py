@@ -139,7 +139,7 @@ def test_frames_of_a_sequence_share_camera_and_background_and_move(sampler_of):
         np.testing.assert_array_equal(
             second.scene.layer[:6] - first_layer, (first.scene.layer[:6] - first_layer + 1) % 7
         )
-    starts = np.array([sampler.mapping.layers(np.arange(2), number, 0) for number in range(7)])
+    starts = np.array([sampler.patch_assignment.layers(np.arange(2), number, 0) for number in range(7)])
     assert [len(set(of_patch)) for of_patch in starts.T.tolist()] == [7, 7]
     moved = frames[1].scene.world_from_model[6:, 1, 3] - frames[0].scene.world_from_model[6:, 1, 3]
     assert np.median(moved) > 0.005  # downwards, at 0.5 to 2 m/s
